@@ -1,0 +1,88 @@
+"""The result of a solve: the natural shape and the evidence that it is one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from casashell.contact.detect import Contacts
+from casashell.mesh import TriMesh
+from casashell.status import Status
+from casashell.typing import AnyArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Evidence for a stable frictional equilibrium, all relative to ``f0`` [N] and ``h`` [m].
+
+    Every entry is None when it does not apply (no contacts) or could not be computed (no pose).
+    """
+
+    free_force: float | None
+    cone_margin: float | None
+    min_normal_force: float | None
+    min_eigenvalue: float | None
+    min_eigenvalue_scaled: float | None
+    target_distance: float | None
+    f0: float
+    h: float
+    neutral_modes: int = 0
+    evaluator: str = "numpy"
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Shape of the natural mesh: how far from the target and how well-shaped."""
+
+    max_stretch: float
+    max_rest_fold: float
+    min_rest_angle: float
+    flipped_faces: int
+    rest_self_intersections: int
+    softest_factor: float | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line of the history."""
+
+    stage: str
+    load: float
+    iteration: int
+    residual: float
+    seconds: float
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Natural shape, contact forces and certificate of one solve.
+
+    rest, pose       (V,3) m; the target is ``target.vertices``
+    contact_forces   (C,3) N, on the shell, in the order of ``contacts``
+    forces           (V,3) N, dE/dx at (pose, rest)
+    material         arrays each energy term wrote about itself: edges, hinges, stretch, bend, ...
+    """
+
+    status: Status
+    advice: str
+    method: str
+    target: TriMesh
+    rest: FloatArray
+    pose: FloatArray
+    contacts: Contacts
+    pinned: IntArray
+    contact_forces: FloatArray
+    forces: FloatArray
+    material: Mapping[str, AnyArray]
+    certificate: Certificate
+    quality: Quality
+    obstacles: tuple[Any, ...] = ()
+    history: tuple[Step, ...] = ()
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    iterations: int = 0
+    factorizations: int = 0
+    timings: Mapping[str, float] = field(default_factory=dict)
