@@ -1,0 +1,181 @@
+"""From stencil blocks to global vectors and sparse matrices of one fixed pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from casashell.engine.energy import Energy
+from casashell.engine.kernels import Kernel, get_kernel
+from casashell.typing import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """CSR pattern of a (3V, 3V) matrix whose 3x3 blocks couple vertices that share a stencil."""
+
+    size: int
+    indptr: IntArray
+    indices: IntArray
+
+    @property
+    def nnz(self) -> int:
+        """Number of stored entries."""
+        return len(self.indices)
+
+    def matrix(self, data: FloatArray) -> sp.csr_array:
+        """Sparse matrix with these entries; shares the index arrays."""
+        return sp.csr_array((data, self.indices, self.indptr), shape=(self.size, self.size))
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """Row of every stored entry."""
+        return np.repeat(np.arange(self.size), np.diff(self.indptr))
+
+
+class Assembly:
+    """Energy, gradient and sparse second derivatives of a sum of terms on ``count`` vertices.
+
+    The pattern and the scatter maps are made once; every call is kernels plus one summation a term.
+    ``load`` scales the terms marked as external loads.
+    """
+
+    def __init__(
+        self, energies: Sequence[Energy], count: int, *, interpreted: bool = False
+    ) -> None:
+        self.energies = tuple(e for e in (term.without_idle() for term in energies) if len(e.stencils))
+        self.count = count
+        self.interpreted = interpreted
+        self._scatter: dict[str, IntArray] = {}
+
+    def _kernel(self, term: Energy, name: str) -> Kernel:
+        return get_kernel(term.density, name, interpreted=self.interpreted)
+
+    @property
+    def compiled(self) -> bool:
+        """True when the kernels run as compiled C."""
+        return all(self._kernel(term, "gradient").compiled for term in self.energies)
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """Union of the vertex pairs of all terms, and every vertex with itself."""
+        keys = [np.arange(self.count, dtype=np.int64) * (self.count + 1)]
+        for term in self.energies:
+            s = term.stencils
+            keys.append(np.unique((s[:, :, None] * self.count + s[:, None, :]).ravel()))
+        pairs = np.unique(np.concatenate(keys))
+        self._pairs = pairs
+        row, column = np.divmod(pairs, self.count)
+        degree = np.bincount(row, minlength=self.count)
+        self._start = np.concatenate([[0], np.cumsum(degree)])
+        indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * degree, 3))])
+        # Scalar entry (3 row + a, 3 column + b) of pair q sits at indptr[3 row + a] + 3 (rank) + b.
+        rank = np.arange(len(pairs)) - self._start[row]
+        indices = np.empty(9 * len(pairs), dtype=np.int64)
+        for a in range(3):
+            for b in range(3):
+                indices[indptr[3 * row + a] + 3 * rank + b] = 3 * column + b
+        return Pattern(3 * self.count, indptr, indices)
+
+    def _map(self, term: Energy) -> IntArray:
+        """Where each entry of the row-major (3k, 3k) blocks of ``term`` goes in the pattern."""
+        if term.name not in self._scatter:
+            pattern, s = self.pattern, term.stencils
+            k = term.size
+            pair = np.searchsorted(self._pairs, s[:, :, None] * self.count + s[:, None, :])
+            rank = pair - self._start[s][:, :, None]
+            offset = np.arange(3)
+            begin = pattern.indptr[3 * s[:, :, None] + offset]  # (S, k, 3)
+            target = (
+                begin[:, :, :, None, None]
+                + 3 * rank[:, :, None, :, None]
+                + offset[None, None, None, None, :]
+            )
+            self._scatter[term.name] = np.ascontiguousarray(target.reshape(len(s), 9 * k * k))
+        return self._scatter[term.name]
+
+    def _run(
+        self, term: Energy, name: str, x: FloatArray, r: FloatArray, w: FloatArray | None = None
+    ) -> tuple[FloatArray, ...]:
+        kernel = self._kernel(term, name)
+        return kernel(x, r, term.params, term.stencils, x if w is None else w)
+
+    def energy(self, x: FloatArray, r: FloatArray, load: float = 1.0) -> float:
+        """Total energy [J] at pose x and natural shape r, both (V,3)."""
+        x, r = _positions(x, self.count), _positions(r, self.count)
+        return float(
+            sum(
+                (load if term.load else 1.0) * self._run(term, "energy", x, r)[0].sum()
+                for term in self.energies
+            )
+        )
+
+    def _sum_vectors(self, parts: list[tuple[Energy, float, FloatArray]]) -> FloatArray:
+        total = np.zeros(3 * self.count)
+        for term, scale, block in parts:
+            if block.size:
+                index = (3 * term.stencils[:, :, None] + np.arange(3)).ravel()
+                total += scale * np.bincount(index, block.ravel(), minlength=3 * self.count)
+        return total.reshape(self.count, 3)
+
+    def gradient(self, x: FloatArray, r: FloatArray, load: float = 1.0) -> FloatArray:
+        """dE/dx (V,3) [N]."""
+        x, r = _positions(x, self.count), _positions(r, self.count)
+        return self._sum_vectors(
+            [
+                (term, load if term.load else 1.0, self._run(term, "gradient", x, r)[0])
+                for term in self.energies
+            ]
+        )
+
+    def nodal_loads(self, r: FloatArray) -> FloatArray:
+        """Force of the external loads on every vertex (V,3) [N], at x = r (-dE_load/dx)."""
+        r = _positions(r, self.count)
+        return -self._sum_vectors(
+            [(t, 1.0, self._run(t, "gradient", r, r)[0]) for t in self.energies if t.load]
+        )
+
+    def _second(
+        self, name: str, x: FloatArray, r: FloatArray, load: float, w: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        x, r = _positions(x, self.count), _positions(r, self.count)
+        vectors: list[tuple[Energy, float, FloatArray]] = []
+        data = np.zeros(self.pattern.nnz)
+        for term in self.energies:
+            scale = load if term.load else 1.0
+            blocks = self._run(term, name, x, r, w)
+            if len(blocks) == 2:
+                vectors.append((term, scale, blocks[0]))
+            if blocks[-1].size:
+                data += scale * np.bincount(
+                    self._map(term).ravel(), blocks[-1].ravel(), minlength=len(data)
+                )
+        return self._sum_vectors(vectors), data
+
+    def hessian(
+        self, x: FloatArray, r: FloatArray, load: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """dE/dx (V,3) and the entries of d2E/dx2 [N/m] in ``pattern``."""
+        return self._second("hessian", x, r, load)
+
+    def mixed(
+        self, x: FloatArray, r: FloatArray, load: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """dE/dx (V,3) and the entries of d2E/dx dr [N/m] in ``pattern``."""
+        return self._second("mixed", x, r, load)
+
+    def lagrangian(self, x: FloatArray, r: FloatArray, w: FloatArray, load: float = 1.0) -> FloatArray:
+        """Entries of d2(w . dE/dx)/dr2 in ``pattern``, for multipliers w (V,3)."""
+        return self._second("lagrangian", x, r, load, _positions(w, self.count))[1]
+
+
+def _positions(x: FloatArray, count: int) -> FloatArray:
+    """``x`` as contiguous (count, 3) doubles, which is what the kernels read."""
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    if x.shape != (count, 3):
+        raise ValueError(f"positions must have shape ({count}, 3), got {x.shape}")
+    return x

@@ -1,0 +1,205 @@
+"""Stencil kernels: derivatives of a density by CasADi, run over all stencils in one call.
+
+Each kernel evaluates a few dense outputs per stencil.  With a C compiler the kernel is CasADi's
+generated C plus a loop that gathers stencils from the mesh; without one CasADi's virtual machine runs
+the mapped function.  A kernel is generated once per density, not per mesh.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from casashell.engine import build_cache
+from casashell.typing import AnyArray, FloatArray, IntArray
+
+#: Outputs of each kernel.  g = dE/dx, H = d2E/dx2, M = d2E/dx dr, A = d2(w.g)/dr2, B = d2(w.g)/dr dx.
+KERNELS: dict[str, tuple[str, ...]] = {
+    "energy": ("e",),
+    "gradient": ("g",),
+    "hessian": ("g", "H"),
+    "mixed": ("g", "M"),
+    "lagrangian": ("A",),
+    "lagrangian_mixed": ("B",),
+}
+_VERSION = "3"
+
+_DRIVER = """
+#include <stdint.h>
+const int64_t casashell_shape[] = {{{info}}};
+void casashell_batch(const double *x, const double *r, const double *w, const double *p,
+                     const int64_t *stencils, int64_t count, double **out) {{
+  double X[{dof}], R[{dof}], Q[{dof}], work[{work}];
+  long long iwork[{iwork}];
+  const double *arg[{args}]; double *res[{ress}];
+  for (int64_t s = 0; s < count; ++s) {{
+    const int64_t *v = stencils + {k} * s;
+    for (int a = 0; a < {k}; ++a) for (int c = 0; c < 3; ++c) {{
+      X[3*a+c] = x[3*v[a]+c]; R[3*a+c] = r[3*v[a]+c]; {gather_w}
+    }}
+    arg[0] = X; arg[1] = R; arg[2] = p + {m} * s; arg[3] = Q;
+    {outputs}
+    {name}(arg, res, iwork, work, 0);
+  }}
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Sizes of a kernel: stencil, parameters, and numel of each output (0: identically zero)."""
+
+    k: int
+    m: int
+    outputs: tuple[int, ...]
+
+
+def _symbolic(density: ca.Function, kernel: str) -> ca.Function:
+    """SX function (x, r, p, w) -> outputs of ``kernel``, dense; identically zero ones are empty."""
+    k = density.size2_in(0)
+    x, r = ca.SX.sym("x", 3, k), ca.SX.sym("r", 3, k)
+    p, w = ca.SX.sym("p", density.numel_in(2)), ca.SX.sym("w", 3, k)
+    e = density(x, r, p)
+    g = ca.vec(ca.gradient(e, x))
+    made: list[ca.SX] = []
+    for output in KERNELS[kernel]:
+        value = {
+            "e": lambda: e,
+            "g": lambda: g,
+            "H": lambda: ca.jacobian(g, x),
+            "M": lambda: ca.jacobian(g, r),
+            "A": lambda: ca.jacobian(ca.vec(ca.gradient(ca.dot(w, ca.reshape(g, 3, k)), r)), r),
+            "B": lambda: ca.jacobian(ca.vec(ca.gradient(ca.dot(w, ca.reshape(g, 3, k)), r)), x),
+        }[output]()
+        # Row-major blocks: CasADi stores columns, NumPy reads rows.
+        made.append(ca.vec(ca.densify(value.T)) if value.nnz() else ca.SX(0, 0))
+    return ca.Function(f"{density.name()}_{kernel}", [x, r, p, w], ca.cse(made))
+
+
+def _source(function: ca.Function, shape: Shape) -> str:
+    """CasADi's C of ``function`` with the gathering loop behind it."""
+    generator = ca.CodeGenerator("kernel.c", {"with_header": False})
+    generator.add(function)
+    with tempfile.TemporaryDirectory() as folder:
+        generator.generate(folder + "/")
+        code = (Path(folder) / "kernel.c").read_text()
+    needs_w = function.name().endswith(("lagrangian", "lagrangian_mixed"))
+    outputs = " ".join(
+        f"res[{i}] = out[{i}] + {size} * s;" if size else f"res[{i}] = 0;"
+        for i, size in enumerate(shape.outputs)
+    )
+    return code + _DRIVER.format(
+        info=", ".join(str(v) for v in (shape.k, shape.m, len(shape.outputs), *shape.outputs)),
+        dof=3 * shape.k,
+        k=shape.k,
+        m=shape.m,
+        work=max(1, function.sz_w()),
+        iwork=max(1, function.sz_iw()),
+        args=max(4, function.sz_arg()),
+        ress=max(1, function.sz_res()),
+        gather_w="Q[3*a+c] = w[3*v[a]+c];" if needs_w else "",
+        outputs=outputs,
+        name=function.name(),
+    )
+
+
+def _shape(function: ca.Function) -> Shape:
+    return Shape(
+        function.size2_in(0),
+        function.numel_in(2),
+        tuple(function.numel_out(i) for i in range(function.n_out())),
+    )
+
+
+class CompiledKernel:
+    """A kernel in a shared library; releases the interpreter lock while it runs."""
+
+    compiled = True
+
+    def __init__(self, path: Path) -> None:
+        library = ctypes.CDLL(str(path))
+        head = (ctypes.c_int64 * 3).in_dll(library, "casashell_shape")
+        full = (ctypes.c_int64 * (3 + head[2])).in_dll(library, "casashell_shape")
+        self.shape = Shape(full[0], full[1], tuple(full[3:]))
+        self._call = library.casashell_batch
+        self._call.restype = None
+        self._call.argtypes = [ctypes.c_void_p] * 5 + [ctypes.c_int64, ctypes.c_void_p]
+
+    def __call__(
+        self, x: FloatArray, r: FloatArray, p: FloatArray, stencils: IntArray, w: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        """Outputs of all stencils, each (S, numel); x, r, w (V,3), p (S,m), stencils (S,k)."""
+        count = len(stencils)
+        made = tuple(np.empty((count, size)) for size in self.shape.outputs)
+        table = (ctypes.c_void_p * len(made))(*(a.ctypes.data for a in made))
+        arrays = (x, r, w, p, stencils)
+        self._call(*(a.ctypes.data for a in arrays), count, ctypes.addressof(table))
+        return made
+
+
+class InterpretedKernel:
+    """The same kernel run by CasADi's virtual machine, mapped over the stencils."""
+
+    compiled = False
+
+    def __init__(self, function: ca.Function) -> None:
+        self._function = function
+        self.shape = _shape(function)
+        self._mapped: dict[int, ca.Function] = {}
+
+    def __call__(
+        self, x: FloatArray, r: FloatArray, p: FloatArray, stencils: IntArray, w: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        """Outputs of all stencils, each (S, numel); x, r, w (V,3), p (S,m), stencils (S,k)."""
+        count = len(stencils)
+        made = tuple(np.zeros((count, size)) for size in self.shape.outputs)
+        if count == 0:
+            return made
+        if count not in self._mapped:
+            self._mapped[count] = self._function.map(count)
+        buffer, trigger = self._mapped[count].buffer()
+        inputs: list[AnyArray] = [np.ascontiguousarray(a[stencils]) for a in (x, r)]
+        inputs += [np.ascontiguousarray(p), np.ascontiguousarray(w[stencils])]
+        for i, array in enumerate(inputs):
+            buffer.set_arg(i, memoryview(array.reshape(-1)))
+        for i, array in enumerate(made):
+            if array.size:
+                buffer.set_res(i, memoryview(array.reshape(-1)))
+        trigger()
+        return made
+
+
+Kernel = CompiledKernel | InterpretedKernel
+
+
+@lru_cache(maxsize=256)
+def _load(serialized: str, kernel: str, interpreted: bool) -> Kernel:
+    density = ca.Function.deserialize(serialized)
+    if interpreted or build_cache.find_compiler() is None:
+        return InterpretedKernel(_symbolic(density, kernel))
+    text = "|".join((serialized, kernel, _VERSION, ca.CasadiMeta.version(), build_cache.toolchain()))
+    key = f"{density.name()}-{kernel}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+    path = build_cache.cached_library(key)
+    if path is None:
+        function = _symbolic(density, kernel)
+        try:
+            path = build_cache.build_library(key, _source(function, _shape(function)))
+        except build_cache.CompilerError:
+            return InterpretedKernel(function)
+    return CompiledKernel(path)
+
+
+def get_kernel(density: ca.Function, kernel: str, *, interpreted: bool = False) -> Kernel:
+    """Kernel of ``density``, built at most once per process and compiled at most once per machine.
+
+    kernel       a key of ``KERNELS``
+    interpreted  run by CasADi's virtual machine even when a compiler is present
+    """
+    return _load(density.serialize(), kernel, interpreted)

@@ -1,0 +1,144 @@
+"""MUMPS from the library that CasADi's wheel brings for Ipopt, through cffi.
+
+The control structure is parsed from the header of the installed wheel, never written down here: its
+layout follows the MUMPS version.
+"""
+
+from __future__ import annotations
+
+import re
+import weakref
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import cffi
+import numpy as np
+
+from casashell.engine.sparse_solver import SingularMatrix, Symmetry
+from casashell.typing import FloatArray, IntArray
+
+_USE_COMM_WORLD = -987654
+_TYPES = """
+typedef int MUMPS_INT; typedef int64_t MUMPS_INT8;
+typedef double DMUMPS_COMPLEX; typedef double DMUMPS_REAL;
+"""
+_ERRORS = {
+    -6: "the matrix is structurally singular",
+    -10: "the matrix is numerically singular",
+    -13: "not enough memory",
+}
+
+
+def _folder() -> Path:
+    return Path(ca.__file__).parent
+
+
+def _library() -> Path:
+    for pattern in ("libcoinmumps.so.*", "libcoinmumps.*.dylib", "libcoinmumps-*.dll"):
+        found = sorted(_folder().glob(pattern))
+        if found:
+            return found[0]
+    raise OSError("CasADi's package has no MUMPS library")
+
+
+@cache
+def _open() -> tuple[cffi.FFI, Any]:
+    """The library and its declarations; raises OSError when either is missing."""
+    headers = sorted(_folder().glob("include/**/dmumps_c.h"))
+    if not headers:
+        raise OSError("CasADi's package has no dmumps_c.h")
+    text = headers[0].read_text()
+    version = re.search(r"define\s+MUMPS_VERSION_MAX_LEN\s+(\d+)", text)
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
+    found = re.search(r"typedef\s+struct\s*\{.*?\}\s*DMUMPS_STRUC_C\s*;", text, flags=re.S)
+    if found is None:
+        raise OSError("cannot read the MUMPS structure from dmumps_c.h")
+    struct = re.sub(r"^\s*#.*$", "", found.group(0), flags=re.M)
+    struct = struct.replace("MUMPS_VERSION_MAX_LEN", version.group(1) if version else "30")
+    ffi = cffi.FFI()
+    ffi.cdef(_TYPES + struct + "\nvoid dmumps_c(DMUMPS_STRUC_C *);")
+    return ffi, ffi.dlopen(str(_library()))
+
+
+def _finish(library: Any, state: Any) -> None:
+    state.job = -2
+    library.dmumps_c(state)
+
+
+class Mumps:
+    """Sparse LU or LDL^T of one pattern; with inertia when symmetric."""
+
+    name = "mumps"
+
+    def __init__(self, indptr: IntArray, indices: IntArray, symmetry: Symmetry) -> None:
+        self._ffi, self._library = _open()
+        self._size = len(indptr) - 1
+        row = np.repeat(np.arange(self._size), np.diff(indptr))
+        self._symmetric = symmetry == "symmetric"
+        self._keep = np.flatnonzero(row >= indices) if self._symmetric else None
+        chosen = slice(None) if self._keep is None else self._keep
+        self._row = (row[chosen] + 1).astype(np.int32)
+        self._column = (np.asarray(indices)[chosen] + 1).astype(np.int32)
+        self._values = np.ones(len(self._row))
+        self._start()
+
+    def _start(self) -> None:
+        ffi, state = self._ffi, self._ffi.new("DMUMPS_STRUC_C *")
+        state.par, state.sym, state.job = 1, 2 if self._symmetric else 0, -1
+        state.comm_fortran = _USE_COMM_WORLD
+        self._library.dmumps_c(state)
+        for i in range(3):
+            state.icntl[i] = -1
+        state.icntl[3] = 0
+        # AMD analyses faster and orders small matrices better; METIS wins on large ones.
+        state.icntl[6] = 0 if self._size < 5000 else 5
+        state.n, state.nnz = self._size, len(self._row)
+        state.irn = ffi.cast("MUMPS_INT *", self._row.ctypes.data)
+        state.jcn = ffi.cast("MUMPS_INT *", self._column.ctypes.data)
+        state.a = ffi.cast("DMUMPS_COMPLEX *", self._values.ctypes.data)
+        self._state = state
+        self._close = weakref.finalize(self, _finish, self._library, state)
+        self._analysed = False
+
+    def _run(self, job: int) -> int:
+        self._state.job = job
+        self._library.dmumps_c(self._state)
+        return int(self._state.infog[0])
+
+    def factor(self, data: FloatArray) -> None:
+        """Factor the matrix with entries ``data``; raises SingularMatrix."""
+        self._values[:] = data if self._keep is None else data[self._keep]
+        if not np.all(np.isfinite(self._values)):
+            raise SingularMatrix("the matrix has entries that are not finite")
+        if not self._analysed:
+            # Values take part in the analysis of unsymmetric matrices (scaling, permutation).
+            code = self._run(1)
+            if code < 0:
+                raise SingularMatrix(f"MUMPS analysis: {_ERRORS.get(code, f'error {code}')}")
+            self._analysed = True
+        for room in (None, 50, 200, 800):  # per cent of extra workspace for pivoting
+            if room is not None:
+                self._state.icntl[13] = room
+            code = self._run(2)
+            if code not in (-8, -9, -14, -15, -17, -20):
+                break
+        if code < 0:
+            raise SingularMatrix(f"MUMPS: {_ERRORS.get(code, f'error {code}')}")
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """Solution of the last factored matrix; rhs (n,) or (n, m)."""
+        columns = np.asfortranarray(np.array(rhs, dtype=np.float64, order="F", copy=True))
+        self._state.nrhs = 1 if columns.ndim == 1 else columns.shape[1]
+        self._state.lrhs = self._size
+        self._state.rhs = self._ffi.cast("DMUMPS_COMPLEX *", columns.ctypes.data)
+        code = self._run(3)
+        if code < 0:
+            raise SingularMatrix(f"MUMPS solve: {_ERRORS.get(code, f'error {code}')}")
+        return columns
+
+    @property
+    def negative_eigenvalues(self) -> int | None:
+        """Number of negative pivots of the last symmetric factorisation."""
+        return int(self._state.infog[11]) if self._symmetric else None

@@ -1,0 +1,99 @@
+"""One door to sparse direct solvers: analyse a pattern once, factor and solve many times."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from typing import Literal, Protocol, TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from casashell.typing import FloatArray, IntArray
+
+Symmetry: TypeAlias = Literal["general", "symmetric"]
+
+
+class SingularMatrix(ArithmeticError):
+    """The matrix could not be factored; the message says where."""
+
+
+class SparseSolver(Protocol):
+    """Direct solver for matrices of one pattern."""
+
+    name: str
+
+    def factor(self, data: FloatArray) -> None:
+        """Factor the matrix with entries ``data``; raises SingularMatrix."""
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """Solution of the last factored matrix; rhs (n,) or (n, m)."""
+
+    @property
+    def negative_eigenvalues(self) -> int | None:
+        """Number of negative eigenvalues of a symmetric matrix; None when not known."""
+
+
+class SuperLU:
+    """SciPy's SuperLU: always there, no reuse of the analysis, no inertia."""
+
+    name = "superlu"
+
+    def __init__(self, indptr: IntArray, indices: IntArray, symmetry: Symmetry) -> None:
+        size = len(indptr) - 1
+        # CSR of A read as CSC is A transposed: the solve below undoes it.
+        self._matrix = sp.csc_array((np.ones(len(indices)), indices, indptr), shape=(size, size))
+        self._symmetry = symmetry
+
+    def factor(self, data: FloatArray) -> None:
+        """Factor the matrix with entries ``data``; raises SingularMatrix."""
+        if not np.all(np.isfinite(data)):
+            raise SingularMatrix("the matrix has entries that are not finite")
+        self._matrix.data = np.asarray(data)
+        order = "MMD_AT_PLUS_A" if self._symmetry == "symmetric" else "COLAMD"
+        options = {"SymmetricMode": True} if self._symmetry == "symmetric" else {}
+        try:
+            self._lu = spla.splu(self._matrix, permc_spec=order, options=options)
+        except RuntimeError as error:
+            raise SingularMatrix(f"SuperLU: {error}") from None
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """Solution of the last factored matrix; rhs (n,) or (n, m)."""
+        return np.asarray(self._lu.solve(np.asarray(rhs, dtype=np.float64), trans="T"))
+
+    @property
+    def negative_eigenvalues(self) -> int | None:
+        """Not known to this solver."""
+        return None
+
+
+def _backends() -> dict[str, Callable[[IntArray, IntArray, Symmetry], SparseSolver]]:
+    from casashell.engine.mumps import Mumps
+    from casashell.engine.pardiso import Pardiso
+
+    return {"mumps": Mumps, "pardiso": Pardiso, "superlu": SuperLU}
+
+
+def make_solver(
+    indptr: IntArray, indices: IntArray, symmetry: Symmetry, backend: str | None = None
+) -> SparseSolver:
+    """Solver for square CSR matrices of this pattern (full pattern also when symmetric).
+
+    backend  'mumps', 'pardiso' or 'superlu'; by default ``$CASASHELL_LINEAR_SOLVER``, else MUMPS
+             with SuperLU where CasADi's wheel has no MUMPS library.
+    Raises ValueError for an unknown or missing backend.
+    """
+    wanted = backend or os.environ.get("CASASHELL_LINEAR_SOLVER", "")
+    known = _backends()
+    if wanted:
+        if wanted not in known:
+            raise ValueError(f"linear solver must be one of {', '.join(known)}; got '{wanted}'")
+        if wanted == "pardiso" and importlib.util.find_spec("pypardiso") is None:
+            raise ValueError("linear solver 'pardiso' needs: pip install 'casashell[fast]'")
+        return known[wanted](indptr, indices, symmetry)
+    try:
+        return known["mumps"](indptr, indices, symmetry)
+    except OSError:
+        return SuperLU(indptr, indices, symmetry)

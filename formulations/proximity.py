@@ -1,0 +1,44 @@
+"""Proximity to a target pose, the regulariser of Ly 2018 Eq. (24).
+
+    E = lambda / 2 * |x - x_t|^2          per vertex
+
+Stencil: one vertex.  ``lambda`` [N/m] is the pull towards the target.  Independent of the rest shape.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from casashell.engine.energy import Energy
+from casashell.mesh import TriMesh
+from casashell.typing import AnyArray, ArrayLike
+from formulations.arguments import per_element
+
+
+@cache
+def density() -> ca.Function:
+    """Energy [J] of one vertex from x (3,1), r (3,1) [m] and p = (lambda, x_t) [N/m, m]."""
+    x, r, p = ca.SX.sym("x", 3, 1), ca.SX.sym("r", 3, 1), ca.SX.sym("p", 4)
+    return ca.Function("proximity", [x, r, p], [p[0] / 2 * ca.sumsqr(x - p[1:4])])
+
+
+def reference(x: AnyArray, r: AnyArray, p: AnyArray) -> AnyArray:
+    """The same energy in plain NumPy: x, r (S,1,3), p (S,4) -> (S,)."""
+    return np.asarray(0.5 * p[:, 0] * ((x[:, 0] - p[:, 1:]) ** 2).sum(axis=-1))
+
+
+def proximity(mesh: TriMesh, pull: ArrayLike) -> Energy:
+    """Springs from every vertex to its place in ``mesh`` with stiffness ``pull`` [N/m]."""
+    count = len(mesh.vertices)
+    value, stiffness = per_element("pull", pull, count, "vertex", minimum=0.0)
+    return Energy(
+        name="proximity",
+        density=density(),
+        stencils=np.arange(count, dtype=np.int64)[:, None],
+        params=np.column_stack([stiffness, mesh.vertices]),
+        reference=reference,
+        material={"pull": value},
+    )
