@@ -195,7 +195,8 @@ def _faces(mesh: TriMesh) -> Iterator[Finding]:
             hopeless,
             f"{_many(hopeless, 'face')} with an angle below {HOPELESS_ANGLE:g} degrees "
             f"({_names(hopeless)}; smallest {angle.min():.2g}): too thin for any solver; remesh "
-            "there or collapse the short edges",
+            "there, or join vertices that nearly coincide with casashell.repaired(mesh, "
+            "tolerance=...)",
         )
     if len(thin):
         yield _warning(
