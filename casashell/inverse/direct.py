@@ -1,0 +1,207 @@
+"""Direct inversion of one piece: admissible contact forces, then Newton on the natural shape.
+
+A ladder, cheapest first; the first rung whose answer is stable with strict cones wins:
+  1. projected bilateral reactions,
+  2. forces of least strain energy (the full stress program),
+  3. the same with stability cuts along the unstable directions found so far.
+Masses move with the natural shape, so the forces of a rung are rebalanced once or twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from casashell.contact.cone import margin, split as split_force
+from casashell.inverse.forces import (
+    SHRINKS,
+    Shrink,
+    bilateral_reactions,
+    project_reactions,
+    rigid_obstruction,
+)
+from casashell.inverse.load_path import ROUNDING, LoadPath, PathPoint, Report
+from casashell.inverse.piece import Piece
+from casashell.inverse.stability import lowest_modes
+from casashell.inverse.stress import StressProgram
+from casashell.result import Step
+from casashell.typing import FloatArray
+
+MASS_ROUNDS = 4
+MAX_CUT_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What direct inversion found for a piece.
+
+    rest             (n,3) m
+    contact_forces   (C,3) N, on the shell
+    load             share of the load reached, 1 for an equilibrium
+    missing          resultant that nothing carries, / f0
+    eigenvalue       lowest eigenvalue of the free Hessian as the solver sees it [N/m]
+    obstruction      rigid motion that proves infeasibility, or None
+    """
+
+    rest: FloatArray
+    contact_forces: FloatArray
+    load: float
+    residual: float
+    missing: float
+    cone_margin: float
+    eigenvalue: float
+    rung: str
+    obstruction: FloatArray | None = None
+    largest_strain: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def balanced(self) -> bool:
+        """Full load carried, to rounding, by contacts and pins alone."""
+        return self.load == 1.0 and self.residual <= ROUNDING and self.missing <= ROUNDING
+
+    @property
+    def good(self) -> bool:
+        """A stable equilibrium with every contact force strictly inside its cone."""
+        return self.balanced and self.cone_margin > 0.0 and self.eigenvalue > 0.0
+
+    @property
+    def rank(self) -> tuple[bool, float, float, float]:
+        """Order of preference among outcomes that are not good."""
+        balanced = self.balanced
+        return balanced, self.load, min(self.cone_margin, 0.0), min(self.eigenvalue, 0.0)
+
+
+class DirectSolver:
+    """Runs the ladder on one piece and keeps the best outcome where an interrupt can find it."""
+
+    def __init__(self, piece: Piece, report: Report) -> None:
+        self.piece = piece
+        self.report = report
+        self.path = LoadPath(piece, report)
+        self.best = self._start()
+        self.notes: list[str] = []
+
+    def _start(self) -> Outcome:
+        """The target itself, which is what is known before any work."""
+        nothing = np.zeros((len(self.piece.contacts.vertices), 3))
+        return Outcome(self.piece.target, nothing, 0.0, np.inf, np.inf, -np.inf, -np.inf, "start")
+
+    def run(self) -> Outcome:
+        """Climb the ladder; the outcome is also in ``best`` after every rung."""
+        if len(self.piece.held) == 0 and self.piece.loads.any():
+            self.notes.append("nothing holds this part: no pins, no contacts")
+            motion = np.broadcast_to(self.piece.loads.sum(axis=0), self.piece.target.shape)
+            self.best = replace(self.best, obstruction=np.array(motion))
+            return self.best
+        for name, forces in self._rungs():
+            outcome = self._invert(name, forces)
+            if outcome.good or outcome.rank > self.best.rank or self.best.rung == "start":
+                self.best = outcome
+            if outcome.good:
+                return outcome
+        if self.best.rung == "start" and len(self.piece.contacts.vertices):
+            self.best = replace(self.best, obstruction=rigid_obstruction(self.piece))
+        return self.best
+
+    def _rungs(self) -> Iterator[tuple[str, ForceChoice]]:
+        piece = self.piece
+        if len(piece.contacts.vertices) == 0:
+            yield "no contact forces", lambda loads: np.zeros((0, 3))
+            return
+        wanted = bilateral_reactions(piece)
+        tried = None
+        for shrink in SHRINKS:
+            tried = project_reactions(piece, wanted, piece.loads, shrink)
+            if tried is not None:
+                break
+        if tried is None:
+            return  # no rigid balance: no other program can find one either
+        yield "projected reactions", lambda loads: project_reactions(piece, wanted, loads, shrink)
+        self.report(Step("stress program", 0.0, 0, np.nan, 0.0))
+        program = StressProgram(piece)
+        cuts: list[FloatArray] = []
+        delta = 0.0
+        for round_ in range(MAX_CUT_ROUNDS):
+            stress = program.solve(shrink, cuts, delta)
+            if stress is None:
+                self.notes.append(
+                    "the stress program has no solution"
+                    + (" that is stable: the material is too soft" if cuts else "")
+                )
+                return
+            name = "stress program" + (f" with {len(cuts)} stability cuts" if cuts else "")
+            yield name, _rebalanced(piece, stress.contact_forces, shrink)
+            if self.best.balanced and self.best.eigenvalue > 0.0:
+                return
+            cuts += self._cut_directions(round_)
+            delta = 1e-3 * piece.f0 / piece.h
+            self.report(Step("stability cut", 1.0, len(cuts), np.nan, 0.0))
+
+    def _cut_directions(self, round_: int) -> list[FloatArray]:
+        """Directions along which the last natural shape is not stable at the target."""
+        piece = self.piece
+        _, modes = lowest_modes(piece, self.last.rest, self._active(self.last), 2 if round_ else 3)
+        return [mode.reshape(-1, 3) for mode in modes.T]
+
+    def _active(self, outcome: Outcome) -> FloatArray:
+        normal, _ = split_force(outcome.contact_forces, self.piece.contacts.normals)
+        return normal > 1e-6 * self.piece.f0
+
+    def _invert(self, name: str, choose: ForceChoice) -> Outcome:
+        """Follow the load path with the forces of one rung, rebalanced as the masses move."""
+        piece = self.piece
+        loads, point = piece.loads, None
+        outcome: Outcome | None = None
+        for round_ in range(MASS_ROUNDS):
+            forces = choose(loads)
+            if forces is None:
+                break
+            point = self.path.follow(piece.spread(forces), point)
+            outcome = self._outcome(name, point, forces)
+            self.last = outcome
+            self.report(Step(name, point.load, round_, point.residual, 0.0))
+            if point.load < 1.0 or outcome.cone_margin > 0.0:
+                break
+            loads = piece.assembly.nodal_loads(point.rest)
+        return outcome if outcome is not None else self._start()
+
+    def _outcome(self, name: str, point: PathPoint, forces: FloatArray) -> Outcome:
+        piece, contacts = self.piece, self.piece.contacts
+        total = piece.assembly.gradient(piece.target, point.rest, point.load)
+        carried = point.load * piece.spread(forces)
+        held = np.zeros(len(piece.target), dtype=bool)
+        held[piece.held] = True
+        missing = float(np.abs(total[~held]).max(initial=0.0)) / piece.f0
+        at = contacts.vertices
+        share = np.bincount(at, minlength=len(piece.target))[at] if len(at) else np.ones(0)
+        felt = point.load * forces + (total - carried)[at] / share[:, None]
+        inside = np.inf
+        if len(at):
+            normal, _ = split_force(felt, contacts.normals)
+            inside = min(
+                float(margin(felt, contacts.normals, contacts.friction).min()), float(normal.min())
+            )
+        eigenvalue = -np.inf
+        outcome = Outcome(
+            point.rest, felt, point.load, point.residual, missing, inside / piece.f0, eigenvalue, name
+        )
+        if outcome.balanced:
+            values, _ = lowest_modes(piece, point.rest, self._active(outcome), 1)
+            outcome = replace(outcome, eigenvalue=float(values[0]))
+        return outcome
+
+
+ForceChoice = Callable[[FloatArray], "FloatArray | None"]
+
+
+def _rebalanced(piece: Piece, forces: FloatArray, shrink: Shrink) -> ForceChoice:
+    """Forces as they are for the loads of the target, nearest admissible ones for other loads."""
+
+    def choose(loads: FloatArray) -> FloatArray | None:
+        if loads is piece.loads:
+            return forces
+        return project_reactions(piece, forces, loads, shrink)
+
+    return choose

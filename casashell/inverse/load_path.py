@@ -1,0 +1,189 @@
+"""Newton on the natural shape along the load path.
+
+With admissible contact forces f given, dE/dx(x_t, r) = f is square in r up to rigid motion.  At no
+load its solution is r = x_t and its Jacobian is minus the stiffness matrix, so weight and contact
+forces are scaled together by t from 0 to 1.  Multipliers take the resultant that f misses, because
+f was balanced with other masses, and spread it over the contacts; as many gauge rows fix the rigid
+motion of r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from casashell.engine.sparse_solver import SingularMatrix, SparseSolver, make_solver
+from casashell.inverse.piece import Piece
+from casashell.result import Step
+from casashell.typing import FloatArray, IntArray
+
+Report = Callable[[Step], None]
+
+#: Residual / f0 that ends a Newton solve at full load, and one that is good enough on the way.
+TIGHT, LOOSE = 1e-11, 1e-3
+#: Residual / f0 that counts as solved when it cannot be lowered any more (rounding).
+ROUNDING = 1e-7
+MAX_NEWTON, MIN_LOAD_STEP = 25, 1.0 / 256.0
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """Natural shape r (n,3) in balance with ``load`` times the forces plus the multipliers' part."""
+
+    rest: FloatArray
+    correction: FloatArray
+    load: float
+    residual: float
+
+
+class LoadPath:
+    """The bordered system of one piece: its pattern, its factor, its count of factorisations."""
+
+    def __init__(self, piece: Piece, report: Report) -> None:
+        self.piece = piece
+        self.report = report
+        self.factorizations = 0
+        self.iterations = 0
+        n = len(piece.target)
+        free = np.setdiff1d(np.arange(n), piece.pinned)
+        self.dofs = (3 * free[:, None] + np.arange(3)).ravel()
+        self.border = _border(piece)  # (3n, d)
+        self._solver: SparseSolver | None = None
+        self._system()
+
+    def _system(self) -> None:
+        """Pattern of [[M, -C], [C^T, 0]] on the unpinned degrees of freedom, and its constants."""
+        pattern = self.piece.assembly.pattern
+        place = np.full(pattern.size, -1, dtype=np.int64)
+        place[self.dofs] = np.arange(len(self.dofs))
+        rows, columns = place[pattern.rows], place[pattern.indices]
+        self._chosen = np.flatnonzero((rows >= 0) & (columns >= 0))
+        border = self.border[self.dofs]
+        at, which = np.nonzero(border)
+        size, d = len(self.dofs), border.shape[1]
+        row = np.concatenate([rows[self._chosen], at, size + which])
+        column = np.concatenate([columns[self._chosen], size + which, at])
+        self._order = np.lexsort((column, row))
+        counts = np.bincount(row, minlength=size + d)
+        self._indptr = np.concatenate([[0], np.cumsum(counts)])
+        self._indices = column[self._order]
+        self._constants = np.concatenate([-border[at, which], border[at, which]])
+
+    def _factor(self, entries: FloatArray) -> SparseSolver:
+        scale = self._scale
+        data = np.concatenate([entries[self._chosen], scale * self._constants])[self._order]
+        if self._solver is None:
+            self._solver = make_solver(self._indptr, self._indices, "general")
+        self._solver.factor(data)
+        self.factorizations += 1
+        return self._solver
+
+    def newton(
+        self, rest: FloatArray, correction: FloatArray, forces: FloatArray, load: float, goal: float
+    ) -> PathPoint | None:
+        """Solve at one load from (rest, correction); None when it does not converge."""
+        piece, target = self.piece, self.piece.target
+        size = len(self.dofs)
+        best: PathPoint | None = None
+        slow = 0
+        for iteration in range(MAX_NEWTON):
+            gradient, entries = piece.assembly.mixed(target, rest, load)
+            gap = (gradient - load * forces).ravel() - self.border @ correction
+            residual = float(np.abs(gap[self.dofs]).max(initial=0.0)) / piece.f0
+            self.report(Step("newton", load, self.iterations, residual, 0.0))
+            self.iterations += 1
+            if not np.isfinite(residual):
+                return None
+            if best is None or residual < 0.5 * best.residual:
+                slow = 0
+            else:
+                slow += 1
+            if best is None or residual < best.residual:
+                best = PathPoint(rest, correction, load, residual)
+            if residual <= goal:
+                return best
+            if slow >= 3 or (slow >= 2 and best.residual <= ROUNDING):
+                break
+            self._scale = float(np.abs(entries).mean())
+            drift = self.border.T @ (rest - target).ravel()
+            try:
+                solver = self._factor(entries)
+                step = solver.solve(-np.concatenate([gap[self.dofs], self._scale * drift]))
+            except SingularMatrix:
+                return None
+            moved = np.zeros(target.size)
+            moved[self.dofs] = step[:size]
+            moved = moved.reshape(-1, 3)
+            damping = _damping(rest, moved, piece.edges)
+            if damping < 0.02:
+                return None
+            rest = rest + damping * moved
+            correction = correction + damping * self._scale * step[size:]
+        return best if best is not None and best.residual <= max(goal, ROUNDING) else None
+
+    def follow(self, forces: FloatArray, start: PathPoint | None = None) -> PathPoint:
+        """Raise the load to 1 with forces (n,3) [N] at the contacts; the furthest point reached."""
+        target = self.piece.target
+        d = self.border.shape[1]
+        if start is not None:
+            there = self.newton(start.rest, start.correction, forces, 1.0, TIGHT)
+            if there is not None:
+                return there
+        point = PathPoint(target, np.zeros(d), 0.0, 0.0)
+        before: PathPoint | None = None
+        step = 1.0
+        while point.load < 1.0 and step >= MIN_LOAD_STEP:
+            load = min(1.0, point.load + step)
+            guess, correction = point.rest, point.correction
+            if before is not None:
+                along = (load - point.load) / (point.load - before.load)
+                guess = guess + along * (point.rest - before.rest)
+                correction = correction + along * (point.correction - before.correction)
+            reached = self.newton(guess, correction, forces, load, TIGHT if load == 1.0 else LOOSE)
+            if reached is None:
+                step /= 4.0 if step == 1.0 else 2.0
+                continue
+            before, point, step = point, reached, min(2.0 * step, 1.0)
+        return point
+
+
+def _border(piece: Piece) -> FloatArray:
+    """Orthonormal rigid modes restricted to the contact vertices, (3n, d); see module docstring.
+
+    A mode that the contacts cannot resist is spread over all vertices instead: its multiplier has to
+    come out as zero, which only the loads themselves can bring about.
+    """
+    modes = piece.rigid_modes
+    if modes.shape[1] == 0:
+        return modes
+    mask = np.zeros(len(piece.target), dtype=bool)
+    mask[piece.contacts.vertices] = True
+    touching = np.where(np.repeat(mask, 3)[:, None], modes, 0.0)
+    u, size, vh = np.linalg.svd(touching, full_matrices=False)
+    rank = int(np.sum(size > 1e-6 * np.linalg.norm(modes, axis=0).max())) if mask.any() else 0
+    loose = np.linalg.qr(modes @ vh[rank:].T)[0] if rank < modes.shape[1] else modes[:, :0]
+    return np.hstack([u[:, :rank], loose])
+
+
+def unsupported(piece: Piece) -> int:
+    """How many rigid motions neither pins nor contacts resist."""
+    modes = piece.rigid_modes
+    at: IntArray = np.unique(piece.contacts.vertices)
+    if modes.shape[1] == 0:
+        return 0
+    rows = modes.reshape(len(piece.target), 3, -1)[at].reshape(-1, modes.shape[1])
+    if len(rows) == 0:
+        return int(modes.shape[1])
+    size = np.linalg.svd(rows, compute_uv=False)
+    return int(modes.shape[1] - np.sum(size > 1e-6 * np.linalg.norm(modes, axis=0).max()))
+
+
+def _damping(rest: FloatArray, moved: FloatArray, edges: IntArray) -> float:
+    """Largest factor <= 1 at which no edge changes by more than half its length."""
+    i, j = edges[:, 0], edges[:, 1]
+    length = np.linalg.norm(rest[j] - rest[i], axis=1)
+    change = np.linalg.norm(moved[j] - moved[i], axis=1)
+    ratio = float(np.max(change / length, initial=0.0))
+    return 1.0 if ratio <= 0.5 else 0.5 / ratio

@@ -1,0 +1,93 @@
+"""What is asked: the natural shape for which a target is a stable frictional equilibrium."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from casashell.contact.detect import Contacts, detect
+from casashell.contact.obstacles import Obstacle
+from casashell.engine.energy import Energy
+from casashell.mesh import TriMesh
+from casashell.mesh_checks import Finding, validate
+from casashell.typing import ArrayLike, IntArray
+
+#: Contact tolerance as a fraction of the target's bounding box diagonal.
+DEFAULT_TOLERANCE = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Find natural positions so that ``target`` is a stable equilibrium.  Holds no solver.
+
+    target             the designed pose, m
+    energies           terms of the potential energy, from ``formulations``
+    obstacles          what the shell rests on, each with its friction coefficient
+    pinned             ids of vertices held by the user: they take any reaction and do not move
+    contact_tolerance  a vertex nearer than this to an obstacle touches it [m]; 0.5 % of the
+                       target's bounding box diagonal by default
+
+    Raises MeshError for a mesh that cannot be simulated and ValueError for the rest, naming the
+    vertex, face or parameter.
+    """
+
+    target: TriMesh
+    energies: tuple[Energy, ...]
+    obstacles: tuple[Obstacle, ...] = ()
+    pinned: Sequence[int] | ArrayLike = ()
+    contact_tolerance: float | None = None
+    findings: tuple[Finding, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "energies", tuple(self.energies))
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        object.__setattr__(self, "pinned", self._checked_pins())
+        count = len(self.target.vertices)
+        if not self.energies:
+            raise ValueError("a problem needs at least one energy; see formulations.discrete_shell")
+        names = [term.name for term in self.energies]
+        if len(set(names)) != len(names):
+            raise ValueError(f"energies must have different names, got {', '.join(names)}")
+        for term in self.energies:
+            if term.stencils.size and not 0 <= term.stencils.min() <= term.stencils.max() < count:
+                raise ValueError(
+                    f"energy '{term.name}' refers to vertex {int(term.stencils.max())}, "
+                    f"the target has {count}: was it built for another mesh?"
+                )
+        tolerance = self.contact_tolerance
+        if tolerance is not None and not (np.isfinite(tolerance) and tolerance >= 0.0):
+            raise ValueError(f"contact_tolerance must be a length >= 0 m, got {tolerance}")
+        object.__setattr__(self, "findings", validate(self.target))
+
+    def _checked_pins(self) -> IntArray:
+        pins = np.asarray(self.pinned)
+        count = len(self.target.vertices)
+        if pins.size == 0:
+            return np.empty(0, dtype=np.int64)
+        if pins.ndim != 1 or not np.issubdtype(pins.dtype, np.integer):
+            raise ValueError("pinned must be a list of vertex ids (whole numbers from 0)")
+        wrong = pins[(pins < 0) | (pins >= count)]
+        if wrong.size:
+            raise ValueError(
+                f"pinned vertex {int(wrong[0])} does not exist: ids go from 0 to {count - 1}"
+            )
+        return np.unique(pins).astype(np.int64)
+
+    @property
+    def tolerance(self) -> float:
+        """Contact tolerance in force [m]."""
+        if self.contact_tolerance is not None:
+            return float(self.contact_tolerance)
+        return DEFAULT_TOLERANCE * float(self.target.bbox_diagonal)
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Unpinned vertices nearer to an obstacle than the tolerance."""
+        if not self.obstacles:
+            return Contacts.empty()
+        return detect(
+            self.target.vertices, self.obstacles, self.tolerance, np.asarray(self.pinned)
+        )
