@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from casashell.contact.cone import check_unit, tangents
-from casashell.contact.obstacles import Obstacle
+from casashell.contact.obstacles import Obstacle, checked
 from casashell.contact.validation import indices, number1, points3
 from casashell.typing import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray
 
@@ -120,7 +120,8 @@ def detect(
     allowed = np.ones(len(x), dtype=bool)
     allowed[indices(exclude, len(x), "exclude")] = False
     found = [
-        _with_one(x, number, obstacle, reach, allowed) for number, obstacle in enumerate(obstacles)
+        _with_one(x, number, obstacle, reach, allowed)
+        for number, obstacle in enumerate(checked(obstacles))
     ]
     touching = [contacts for contacts in found if len(contacts)]
     if not touching:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -31,6 +31,7 @@ _ON_EDGE = 1e-7
 _BEHIND_RIM = math.sqrt(0.5)
 
 
+@runtime_checkable
 class Triangles(Protocol):
     """Anything with vertices (V, 3) m and triangles (F, 3)."""
 
@@ -66,6 +67,11 @@ class MeshObstacle:
 
     def __post_init__(self) -> None:
         label = f"obstacle '{self.name}'" if self.name else "mesh obstacle"
+        if not isinstance(self.mesh, Triangles):
+            raise ValueError(
+                f"{label} needs a mesh with vertices and faces, got {type(self.mesh).__name__}; "
+                "read a file with casashell.read_mesh"
+            )
         object.__setattr__(self, "friction", friction_coefficient(self.friction, label))
         surface = Surface.build(self.mesh.vertices, self.mesh.faces, flip=self.flip, label=label)
         object.__setattr__(self, "surface", surface)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from casashell.contact.validation import points3
 from casashell.typing import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray
@@ -100,9 +98,11 @@ class _Edges:
     @classmethod
     def of(cls, faces: IntArray) -> _Edges:
         half = faces[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2)
-        ends, index = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True)
-        index = index.reshape(-1)
         up = half[:, 0] < half[:, 1]
+        low, high = np.where(up, half.T, half.T[::-1])
+        count = int(faces.max()) + 1
+        keys, index = np.unique(low * count + high, return_inverse=True)
+        ends = np.column_stack(np.divmod(keys, count))
         return cls(
             ends=ends,
             of_face=index.reshape(-1, 3),
@@ -230,6 +230,9 @@ def _check_outward(
 
 def _parts(faces: IntArray, vertex_count: int) -> IntArray:
     """Connected part of each face (F,), over shared vertices, numbered from 0 without gaps."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     row = faces[:, [0, 1]].reshape(-1)
     column = faces[:, [1, 2]].reshape(-1)
     graph = coo_array((np.ones(len(row)), (row, column)), shape=(vertex_count, vertex_count))

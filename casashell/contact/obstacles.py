@@ -11,6 +11,7 @@ gradient exists at all (the centre of a sphere) it is a fixed unit vector.  It i
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, runtime_checkable
 
@@ -28,7 +29,7 @@ from casashell.contact.validation import (
 )
 from casashell.typing import ArrayLike, FloatArray
 
-__all__ = ["Capsule", "Cone", "Cylinder", "MeshObstacle", "Obstacle", "Plane", "Sphere"]
+__all__ = ["Capsule", "Cone", "Cylinder", "MeshObstacle", "Obstacle", "Plane", "Sphere", "checked"]
 
 Box: TypeAlias = tuple[FloatArray, FloatArray]
 
@@ -58,6 +59,21 @@ class Obstacle(Protocol):
     def signed_distance(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]: ...
 
     def bounding_box(self) -> Box | None: ...
+
+
+def checked(obstacles: Iterable[Obstacle]) -> tuple[Obstacle, ...]:
+    """The obstacles as a tuple; ValueError naming the first entry that is none."""
+    if isinstance(obstacles, Obstacle):
+        raise ValueError(f"obstacles must be a list, got one {type(obstacles).__name__}; add [ ]")
+    entries = tuple(obstacles)
+    for number, entry in enumerate(entries):
+        if not isinstance(entry, Obstacle):
+            raise ValueError(
+                f"obstacle {number} is a {type(entry).__name__} without friction, name, "
+                "signed_distance and bounding_box; a mesh becomes one by MeshObstacle(mesh)"
+            )
+        friction_coefficient(entry.friction, f"obstacle {number}")
+    return entries
 
 
 @dataclass(frozen=True)
