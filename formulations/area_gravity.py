@@ -8,6 +8,7 @@ areas around it and therefore moves with the natural shape.  Smooth for non-dege
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import casadi as ca
@@ -29,12 +30,14 @@ def density() -> ca.Function:
     return ca.Function("area_gravity", [x, r, p], [energy])
 
 
-def reference(x: AnyArray, r: AnyArray, p: AnyArray) -> AnyArray:
-    """The same energy in plain NumPy (area by Gram determinant): (S,3,3), (S,3,3), (S,3) -> (S,)."""
-    u, v = r[:, 1] - r[:, 0], r[:, 2] - r[:, 0]
-    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
-    area = 0.5 * np.sqrt(uu * vv - uv * uv)
-    return np.asarray(-area * (p * x.mean(axis=1)).sum(axis=-1))
+def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
+    """The same energy in plain NumPy: r (3,3,S), p (3,S) -> function of x (3,3,S), complex allowed.
+
+    The area comes from the Gram determinant.
+    """
+    u, v = r[1] - r[0], r[2] - r[0]
+    area = 0.5 * np.sqrt((u * u).sum(0) * (v * v).sum(0) - (u * v).sum(0) ** 2)
+    return lambda x: -area / 3.0 * (p * (x[0] + x[1] + x[2])).sum(axis=0)
 
 
 def area_gravity(

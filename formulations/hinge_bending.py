@@ -10,6 +10,7 @@ triangles away from the fully folded state theta = pi; the difference of angles 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import casadi as ca
@@ -52,30 +53,40 @@ def measure() -> ca.Function:
     return ca.Function("dihedral_angle", [x], [angle(x)])
 
 
-def _angle_and_factor(x: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Dihedral angle and 3 L^2 / A of hinges x (S,4,3), through the cotangents of the two triangles."""
-    edge, a, b = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 0]
-    squared = (edge * edge).sum(axis=-1)
-    # Components of the two wings orthogonal to the edge: their angle is pi minus the dihedral angle.
-    a_out = a - edge * ((a * edge).sum(axis=-1) / squared)[:, None]
-    b_out = b - edge * ((b * edge).sum(axis=-1) / squared)[:, None]
-    size = np.sqrt(squared)
-    cosine = -(a_out * b_out).sum(axis=-1)
-    sine = (np.cross(b_out, a_out) * edge).sum(axis=-1) / size
-    turned = np.arctan2(sine.real, cosine.real) + 0j
-    if np.iscomplexobj(sine):  # first-order part of atan2, exact for complex-step derivatives
-        turned += 1j * (cosine.real * sine.imag - sine.real * cosine.imag) / (
-            sine.real**2 + cosine.real**2
-        )
-    height = np.sqrt((a_out * a_out).sum(axis=-1)) + np.sqrt((b_out * b_out).sum(axis=-1))
-    return (turned if np.iscomplexobj(sine) else turned.real), 6.0 * size / height
+def _cross(a: AnyArray, b: AnyArray) -> AnyArray:
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
-def reference(x: AnyArray, r: AnyArray, p: AnyArray) -> AnyArray:
-    """The same energy in plain NumPy: x, r (S,4,3), p (S,1) -> (S,); complex input allowed."""
-    now, _ = _angle_and_factor(x)
-    rest, factor = _angle_and_factor(r)
-    return np.asarray(0.5 * p[:, 0] * factor * (now - rest) ** 2)
+def _wings(x: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Unit edge and the parts of the two triangles orthogonal to it, for hinges x (4,3,S)."""
+    edge, a, b = x[1] - x[0], x[2] - x[0], x[3] - x[0]
+    edge = edge / np.sqrt((edge * edge).sum(axis=0))
+    return edge, a - edge * (a * edge).sum(axis=0), b - edge * (b * edge).sum(axis=0)
+
+
+def _fold(x: AnyArray) -> AnyArray:
+    """Dihedral angle as pi minus the angle between the wings; complex-step safe atan2."""
+    edge, a, b = _wings(x)
+    cosine, sine = -(a * b).sum(axis=0), (_cross(b, a) * edge).sum(axis=0)
+    turned = np.arctan2(sine.real, cosine.real)
+    if not np.iscomplexobj(sine):
+        return turned
+    slope = cosine.real * sine.imag - sine.real * cosine.imag
+    return np.asarray(turned + 1j * slope / (sine.real**2 + cosine.real**2))
+
+
+def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
+    """The same energy in plain NumPy: r (4,3,S), p (1,S) -> function of x (4,3,S), complex allowed.
+
+    Angle and area come from the wings of the hinge, not from its normals.
+    """
+    _, a, b = _wings(r)
+    heights = np.sqrt((a * a).sum(axis=0)) + np.sqrt((b * b).sum(axis=0))
+    length = np.sqrt(((r[1] - r[0]) ** 2).sum(axis=0))
+    stiffness, rest = 0.5 * p[0] * 6.0 * length / heights, _fold(r)
+    return lambda x: stiffness * (_fold(x) - rest) ** 2
 
 
 def hinge_bending(mesh: TriMesh, bend: ArrayLike) -> Energy:

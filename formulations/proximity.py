@@ -7,6 +7,7 @@ Stencil: one vertex.  ``lambda`` [N/m] is the pull towards the target.  Independ
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import casadi as ca
@@ -25,9 +26,9 @@ def density() -> ca.Function:
     return ca.Function("proximity", [x, r, p], [p[0] / 2 * ca.sumsqr(x - p[1:4])])
 
 
-def reference(x: AnyArray, r: AnyArray, p: AnyArray) -> AnyArray:
-    """The same energy in plain NumPy: x, r (S,1,3), p (S,4) -> (S,)."""
-    return np.asarray(0.5 * p[:, 0] * ((x[:, 0] - p[:, 1:]) ** 2).sum(axis=-1))
+def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
+    """The same energy in plain NumPy: r (1,3,S), p (4,S) -> function of x (1,3,S), complex allowed."""
+    return lambda x: 0.5 * p[0] * ((x[0] - p[1:]) ** 2).sum(axis=0)
 
 
 def proximity(mesh: TriMesh, pull: ArrayLike) -> Energy:

@@ -11,7 +11,7 @@ import numpy as np
 
 from casashell.typing import AnyArray, FloatArray, IntArray
 
-Reference: TypeAlias = Callable[[AnyArray, AnyArray, AnyArray], AnyArray]
+Reference: TypeAlias = Callable[[AnyArray, AnyArray], Callable[[AnyArray], AnyArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class Energy:
     params     (S,m) SI units
     load       True for external loads; these are what the load path scales
     measure    SX function (3,k) -> scalar strain measure q, for terms of the form e(q(x), q(r), r)
-    reference  the same energy in plain NumPy, (S,k,3), (S,k,3), (S,m) -> (S,), complex input
-               allowed; certificates differentiate it by complex step
+    reference  the same energy in plain NumPy: r (k,3,S), p (m,S) -> function of x (k,3,S) -> (S,)
+               that allows complex x; certificates differentiate it by complex step
     material   arrays the term writes about itself into result files
     """
 

@@ -1,0 +1,143 @@
+"""Status of a solve from its certificate, and one sentence on what it means and what to try."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from casashell.inverse.direct import Outcome
+from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
+from casashell.inverse.piece import Piece
+from casashell.inverse.certificate import NEUTRAL
+from casashell.problem import Problem
+from casashell.result import Certificate
+from casashell.status import Status
+
+FREE_FORCE = 1e-6
+NEARBY = 1e-3
+
+
+def status_of(certificate: Certificate) -> Status:
+    """Status that the certificate alone supports; ITERATION_LIMIT when it is not an equilibrium."""
+    c = certificate
+    if c.free_force is None or not np.isfinite(c.free_force):
+        return Status.NONFINITE
+    if c.free_force > FREE_FORCE:
+        return Status.ITERATION_LIMIT
+    if min(c.cone_margin or 0.0, c.min_normal_force or 0.0) < 0.0:
+        return Status.CONE_VIOLATED
+    if c.min_eigenvalue_scaled is not None and c.min_eigenvalue_scaled <= NEUTRAL:
+        return Status.UNSTABLE
+    if c.target_distance is None or c.target_distance > NEARBY:
+        return Status.SOLVED_NEARBY
+    return Status.SOLVED
+
+
+def needed_friction(piece: Piece) -> float | None:
+    """Smallest factor on all friction coefficients at which the target's weight can be balanced.
+
+    None when even 64 times the friction does not help (or there is none to scale).
+    """
+    from dataclasses import replace
+
+    mu = piece.contacts.friction
+    if len(mu) == 0 or not mu.any():
+        return None
+    wanted = bilateral_reactions(piece)
+
+    def works(factor: float) -> bool:
+        scaled = piece.touching(replace(piece.contacts, friction=factor * mu))
+        return project_reactions(scaled, wanted, piece.loads, SHRINKS[-1]) is not None
+
+    low, high = 1.0, 2.0
+    while not works(high):
+        low, high = high, 2.0 * high
+        if high > 64.0:
+            return None
+    while high / low > 1.01:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if works(middle) else (middle, high)
+    return high
+
+
+def explain(status: Status, problem: Problem, piece: Piece | None, outcome: Outcome | None) -> str:
+    """One sentence of advice; ``piece`` and ``outcome`` are those of the part that failed first."""
+    if status is Status.SOLVED:
+        return "The target is a stable frictional equilibrium of this natural shape."
+    if status is Status.SOLVED_NEARBY:
+        return "A stable frictional equilibrium was found, but its pose differs from the target."
+    if status is Status.INTERRUPTED:
+        return "Stopped before the end: the natural shape is the best so far and not an equilibrium."
+    if status is Status.NONFINITE:
+        return (
+            "The computation met numbers that are not finite: look for extremely bad triangles "
+            "(casashell check) and for material values of very different size."
+        )
+    if piece is None or outcome is None:
+        return "The solve did not reach an equilibrium: raise stretch and bend, or lower density."
+    where = _where(problem, piece)
+    if outcome.rung == "start":
+        return where + _unsupported(piece, proved=status is Status.INFEASIBLE)
+    return where + _unfinished(status, piece, outcome)
+
+
+def _where(problem: Problem, piece: Piece) -> str:
+    if len(piece.vertices) == len(problem.target.vertices):
+        return ""
+    return f"In the part with vertex {int(piece.vertices[0])} ({len(piece.vertices)} vertices): "
+
+
+def _unsupported(piece: Piece, *, proved: bool) -> str:
+    if len(piece.held) == 0:
+        return (
+            "nothing holds this shell: no pinned vertex and no contact. Raise the contact tolerance, "
+            "check unit and up axis, add an obstacle or pin vertices."
+        )
+    start = (
+        "No natural shape, stiffness or density can hold this target"
+        if proved
+        else "No contact forces inside the friction cones balance the weight of this target"
+    )
+    factor = needed_friction(piece)
+    if factor is None:
+        return (
+            f"{start}: no friction is enough, because the contacts do not support the centre of "
+            "mass. Raise the contact tolerance so that more vertices touch, or pin vertices."
+        )
+    worst = float(piece.contacts.friction.max())
+    return (
+        f"{start}: it slides. It takes a friction of about {factor * worst:.2g} "
+        f"(now {worst:.2g}), more contacts (tolerance) or pinned vertices."
+    )
+
+
+def _unfinished(status: Status, piece: Piece, outcome: Outcome) -> str:
+    if status is Status.UNSTABLE:
+        if abs(outcome.eigenvalue) * piece.h / piece.f0 <= NEUTRAL:
+            return (
+                "The equilibrium is neutral, not stable: the shell can move as a rigid body without "
+                "resistance. Pin vertices or let more vertices touch (tolerance)."
+            )
+        return (
+            "The equilibrium exists but is unstable: the material is too soft for this pose. Raise "
+            "bend (first) and stretch, or lower density."
+        )
+    if status is Status.CONE_VIOLATED:
+        return (
+            "The equilibrium needs contact forces outside the friction cones: raise the friction, "
+            "let more vertices touch (tolerance) or pin vertices."
+        )
+    if 0.0 < outcome.load < 1.0 or status is Status.TOO_SOFT:
+        return (
+            f"Only {100.0 * outcome.load:.0f} % of the weight could be carried: the material is too "
+            f"soft for this pose. About {1.0 / max(outcome.load, 1e-2):.1f} times the stretch and bend "
+            "stiffness (or less density) should do; look at contacts with bad triangles if not."
+        )
+    if outcome.missing > FREE_FORCE:
+        return (
+            "The pins and contacts leave a rigid motion free that the weight pushes: pin more "
+            "vertices or let more vertices touch (tolerance)."
+        )
+    return (
+        "The solver stopped before an equilibrium: raise stretch and bend or lower density, and "
+        "check the mesh for bad triangles (casashell check)."
+    )

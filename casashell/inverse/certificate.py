@@ -1,0 +1,231 @@
+"""The proof: forces and stiffness at (pose, rest), by code that shares nothing with the solver.
+
+Energies come from their plain NumPy form and are differentiated here by complex step (gradient) and by
+central differences of the complex step (Hessian); eigenvalues by SciPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from casashell.contact.detect import Contacts
+from casashell.engine.energy import Energy
+from casashell.engine.sparse_solver import make_solver
+from casashell.result import Certificate
+from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
+
+#: A contact with less normal force than this share of f0 does not hold its vertex.
+ACTIVE = 1e-6
+#: Scaled eigenvalue below which a motion counts as neutral: f0 would move it by 1e7 edges.
+NEUTRAL = 1e-7
+#: SciPy's SuperLU takes over-long above this many degrees of freedom; MUMPS serves there.
+_SUPERLU_LIMIT = 12_000
+_IMAGINARY = 1e-30
+
+Plain: TypeAlias = Callable[[AnyArray], AnyArray]
+
+
+def _plain(term: Energy, x: FloatArray, r: FloatArray) -> tuple[AnyArray, Plain | None]:
+    """Positions of the stencils (3k,S), and the term's NumPy form as a function of them."""
+    now = np.ascontiguousarray(x[term.stencils].reshape(len(term.stencils), -1).T)
+    if term.reference is None:
+        return now, None
+    rest = np.ascontiguousarray(np.moveaxis(r[term.stencils], 0, 2))
+    energy = term.reference(rest, np.ascontiguousarray(term.params.T))
+    return now, lambda flat: energy(flat.reshape(term.size, 3, -1))
+
+
+def stencil_forces(term: Energy, x: FloatArray, r: FloatArray) -> FloatArray:
+    """dE/dx of every stencil (S,k,3), by complex step of the term's NumPy form."""
+    shape = (len(term.stencils), term.size, 3)
+    now, energy = _plain(term, x, r)
+    if energy is None:
+        return _interpreted(term, x, r, second=False).reshape(shape)
+    made = np.empty((shape[0], len(now)))
+    for i in range(len(now)):
+        shifted = now.astype(np.complex128)
+        shifted[i] += 1j * _IMAGINARY
+        made[:, i] = energy(shifted).imag / _IMAGINARY
+    return made.reshape(shape)
+
+
+def stencil_stiffness(term: Energy, x: FloatArray, r: FloatArray, length: float) -> FloatArray:
+    """d2E/dx2 of every stencil (S,3k,3k): complex step in one variable, differences in the other."""
+    step = 1e-5 * length
+    now, energy = _plain(term, x, r)
+    size = len(now)
+    if energy is None:
+        return _interpreted(term, x, r, second=True).reshape(-1, size, size)
+    made = np.zeros((len(term.stencils), size, size))
+    for i in range(size):
+        shifted = now.astype(np.complex128)
+        shifted[i] += 1j * _IMAGINARY
+        for j in range(i + 1):
+            centre = shifted[j].copy()
+            shifted[j] = centre + step
+            ahead = energy(shifted).imag
+            shifted[j] = centre - step
+            slope = (ahead - energy(shifted).imag) / (2.0 * step * _IMAGINARY)
+            made[:, i, j] = made[:, j, i] = slope
+            shifted[j] = centre
+    return made
+
+
+def _interpreted(term: Energy, x: FloatArray, r: FloatArray, *, second: bool) -> FloatArray:
+    """Derivatives of a term without NumPy form, by CasADi's virtual machine, one row a stencil."""
+    k = term.size
+    now, rest = ca.SX.sym("x", 3, k), ca.SX.sym("r", 3, k)
+    p = ca.SX.sym("p", term.params.shape[1])
+    wanted = ca.gradient(term.density(now, rest, p), now)
+    if second:
+        wanted = ca.jacobian(ca.vec(wanted), now)
+    function = ca.Function("plain", [now, rest, p], [ca.vec(ca.densify(wanted))])
+    rows = [
+        np.asarray(function(xs.T, rs.T, ps)).ravel()
+        for xs, rs, ps in zip(x[term.stencils], r[term.stencils], term.params, strict=True)
+    ]
+    return np.array(rows).reshape(len(rows), -1)
+
+
+def total_forces(energies: Sequence[Energy], x: FloatArray, r: FloatArray) -> FloatArray:
+    """dE/dx (V,3) [N] at pose x and natural shape r."""
+    total = np.zeros_like(x)
+    for term in energies:
+        np.add.at(total, term.stencils, stencil_forces(term, x, r))
+    return total
+
+
+def stiffness_matrix(
+    energies: Sequence[Energy], x: FloatArray, r: FloatArray, length: float
+) -> sp.csr_array:
+    """d2E/dx2 (3V,3V) [N/m]; ``length`` sets the difference step."""
+    size = x.size
+    rows: list[IntArray] = []
+    columns: list[IntArray] = []
+    values: list[FloatArray] = []
+    for term in energies:
+        if not len(term.stencils):
+            continue
+        block = stencil_stiffness(term, x, r, length)
+        dofs = (3 * term.stencils[:, :, None] + np.arange(3)).reshape(len(block), -1)
+        rows.append(np.broadcast_to(dofs[:, :, None], block.shape).ravel())
+        columns.append(np.broadcast_to(dofs[:, None, :], block.shape).ravel())
+        values.append(block.ravel())
+    if not values:
+        return sp.csr_array((size, size))
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sp.csr_array(sp.coo_array(entries, shape=(size, size)).tocsr())
+
+
+def _factor(matrix: sp.csr_array) -> tuple[Callable[[FloatArray], FloatArray], int]:
+    """Solve function and number of negative eigenvalues of a symmetric matrix."""
+    if matrix.shape[0] <= _SUPERLU_LIMIT:
+        lu = spla.splu(
+            sp.csc_array(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        if np.array_equal(lu.perm_r, lu.perm_c):  # no row exchanges: signs of U are the inertia
+            return lu.solve, int(np.sum(lu.U.diagonal() < 0.0))
+    solver = make_solver(matrix.indptr, matrix.indices, "symmetric")
+    solver.factor(matrix.data)
+    return solver.solve, int(solver.negative_eigenvalues or 0)
+
+
+def lowest_eigenvalues(matrix: sp.csr_array, count: int) -> FloatArray:
+    """Algebraically lowest eigenvalues of a symmetric matrix, ascending; inf when it is empty."""
+    size = matrix.shape[0]
+    if size == 0:
+        return np.array([np.inf])
+    if size <= 200:
+        return np.asarray(np.linalg.eigvalsh(matrix.toarray())[:count])
+    shift = -1e-8 * float(np.abs(matrix.diagonal()).mean())
+    for _ in range(40):
+        solve, negative = _factor(sp.csr_array(matrix - shift * sp.eye_array(size)))
+        if negative == 0:
+            break
+        shift *= 8.0
+    operator = spla.LinearOperator((size, size), matvec=solve, dtype=np.float64)
+    start = np.random.default_rng(1).standard_normal(size)
+    try:
+        values = spla.eigsh(
+            matrix, k=count, sigma=shift, OPinv=operator, v0=start, return_eigenvectors=False
+        )
+    except spla.ArpackNoConvergence as error:
+        values = error.eigenvalues if len(error.eigenvalues) else np.array([-np.inf])
+    return np.sort(values)
+
+
+def cone_numbers(contacts: Contacts, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """mu f_N - |f_T| and f_N of every contact [N], in plain arithmetic."""
+    normal = (forces * contacts.normals).sum(axis=1)
+    tangential = np.linalg.norm(forces - normal[:, None] * contacts.normals, axis=1)
+    return contacts.friction * normal - tangential, normal
+
+
+def _free(count: int, contacts: Contacts, normal: FloatArray, pinned: IntArray, f0: float) -> BoolArray:
+    free = np.ones(count, dtype=bool)
+    free[pinned] = False
+    free[contacts.vertices[normal > ACTIVE * f0]] = False
+    return free
+
+
+def certify(
+    energies: Sequence[Energy],
+    target: FloatArray,
+    pose: FloatArray,
+    rest: FloatArray,
+    contacts: Contacts,
+    contact_forces: FloatArray,
+    pinned: IntArray,
+    h: float,
+) -> tuple[Certificate, FloatArray]:
+    """Certificate of an equilibrium and the forces dE/dx (V,3) it is based on.
+
+    Definitions are those of `Certificate`.  Contact forces are checked against dE/dx: what they leave
+    unbalanced at contact vertices counts as free force.
+    """
+    f0, diagonal = scale_of_forces(energies, target), float(np.linalg.norm(np.ptp(target, axis=0)))
+    if not all(np.all(np.isfinite(a)) for a in (pose, rest, contact_forces)):
+        return Certificate(None, None, None, None, None, None, f0, h), np.full_like(target, np.nan)
+    forces = total_forces(energies, pose, rest)
+    unbalanced = forces.copy()
+    np.subtract.at(unbalanced, contacts.vertices, contact_forces)
+    unbalanced[pinned] = 0.0
+    slack, normal = cone_numbers(contacts, contact_forces)
+    free = _free(len(target), contacts, normal, pinned, f0)
+    dofs = np.flatnonzero(np.repeat(free, 3))
+    matrix = sp.csr_array(stiffness_matrix(energies, pose, rest, h)[dofs][:, dofs])
+    lowest = float(lowest_eigenvalues(matrix, 1)[0])
+    neutral = 0
+    if abs(lowest) * h / f0 <= NEUTRAL:
+        several = lowest_eigenvalues(matrix, min(6, max(1, len(dofs) - 1)))
+        neutral = int(np.sum(np.abs(several) * h / f0 <= NEUTRAL))
+    touched = len(contacts.vertices) > 0
+    certificate = Certificate(
+        free_force=float(np.abs(unbalanced).max(initial=0.0)) / f0,
+        cone_margin=float(slack.min()) / f0 if touched else None,
+        min_normal_force=float(normal.min()) / f0 if touched else None,
+        min_eigenvalue=lowest if np.isfinite(lowest) else None,
+        min_eigenvalue_scaled=lowest * h / f0 if np.isfinite(lowest) else None,
+        target_distance=float(np.abs(pose - target).max()) / diagonal,
+        f0=f0,
+        h=h,
+        neutral_modes=neutral,
+        evaluator="numpy" if all(t.reference for t in energies) else "casadi",
+    )
+    return certificate, forces
+
+
+def scale_of_forces(energies: Sequence[Energy], target: FloatArray) -> float:
+    """f0: mean nodal weight at the target [N]; 1 N without weight."""
+    loads = total_forces([term for term in energies if term.load], target, target)
+    weight = float(np.linalg.norm(loads, axis=1).mean())
+    return weight if weight > 0.0 else 1.0

@@ -1,0 +1,202 @@
+"""The front door: `solve` takes a problem to a certified result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from casashell.inverse.advice import explain, status_of
+from casashell.inverse.certificate import certify
+from casashell.inverse.direct import DirectSolver, Outcome
+from casashell.inverse.load_path import ROUNDING
+from casashell.inverse.piece import Piece, split
+from casashell.inverse.quality import assess
+from casashell.problem import Problem
+from casashell.result import Certificate, Result, Step
+from casashell.status import Status
+from casashell.typing import AnyArray, FloatArray
+
+METHODS = ("auto", "direct")
+Callback = Callable[[Step], None]
+
+
+@dataclass
+class _Run:
+    """What a solve has gathered so far; survives an interrupt."""
+
+    problem: Problem
+    callback: Callback | None
+    started: float = field(default_factory=time.perf_counter)
+    history: list[Step] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    solvers: list[DirectSolver] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    timings: dict[str, float] = field(default_factory=dict)
+    interrupted: bool = False
+
+    def report(self, step: Step) -> None:
+        """Record a step and pass it on."""
+        stamped = Step(
+            step.stage,
+            step.load,
+            step.iteration,
+            step.residual,
+            time.perf_counter() - self.started,
+            step.note,
+        )
+        self.history.append(stamped)
+        if self.callback is not None:
+            self.callback(stamped)
+
+    def clock(self, name: str, begin: float) -> float:
+        """Add the time since ``begin`` to a part; the time now."""
+        now = time.perf_counter()
+        self.timings[name] = self.timings.get(name, 0.0) + now - begin
+        return now
+
+
+def solve(
+    problem: Problem,
+    method: str = "auto",
+    *,
+    callback: Callback | None = None,
+    interpreted: bool = False,
+) -> Result:
+    """Natural shape and contact forces for which the target of ``problem`` is a stable equilibrium.
+
+    method       "direct": Newton on the natural shape along the load path; "auto": the cheapest
+                 method that certifies
+    callback     called with a `Step` at every iteration; an exception from it ends the solve
+    interpreted  run kernels by CasADi's virtual machine even when there is a C compiler
+
+    A KeyboardInterrupt ends the solve with what it has and status INTERRUPTED.  A solve that fails
+    returns its best attempt with a status and advice; `Result.require` turns that into an exception.
+    Raises ValueError for an unknown method.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}; got '{method}'")
+    run = _Run(problem, callback)
+    try:
+        begin = time.perf_counter()
+        contacts = problem.contacts
+        begin = run.clock("contacts", begin)
+        run.pieces = list(split(problem, interpreted=interpreted))
+        if not interpreted and not all(piece.assembly.compiled for piece in run.pieces):
+            run.notes.append(
+                "no C compiler: kernels are interpreted (about ten times slower derivatives)"
+            )
+        begin = run.clock("kernels", begin)
+        if len(contacts) == 0:
+            run.notes.append("no contacts: no contact forces to choose")
+        for piece in run.pieces:
+            run.solvers.append(DirectSolver(piece, run.report))
+            run.solvers[-1].run()
+        run.clock("solve", begin)
+    except KeyboardInterrupt:
+        run.interrupted = True
+    return _finish(run)
+
+
+def _gathered(run: _Run) -> tuple[FloatArray, FloatArray, list[Outcome]]:
+    """Rest positions and contact forces of the whole mesh from those of the pieces."""
+    target, contacts = run.problem.target.vertices, run.problem.contacts
+    rest, forces = target.copy(), np.zeros((len(contacts), 3))
+    outcomes = []
+    for piece, solver in zip(run.pieces, run.solvers, strict=False):
+        outcome = solver.best
+        outcomes.append(outcome)
+        rest[piece.vertices] = outcome.rest
+        mine = np.isin(contacts.vertices, piece.vertices)
+        forces[mine] = outcome.contact_forces
+    return rest, forces, outcomes
+
+
+def _finish(run: _Run) -> Result:
+    problem, contacts = run.problem, run.problem.contacts
+    rest, contact_forces, outcomes = _gathered(run)
+    begin = time.perf_counter()
+    certificate, forces = _certificate(run, rest, contact_forces)
+    begin = run.clock("certificate", begin)
+    quality = assess(problem.target, rest)
+    run.clock("quality", begin)
+    status, advice = _verdict(run, certificate, outcomes)
+    material: dict[str, AnyArray] = {}
+    for term in problem.energies:
+        material.update(term.material)
+    for solver in run.solvers:
+        run.notes += [note for note in solver.notes if note not in run.notes]
+    return Result(
+        status=status,
+        advice=advice,
+        method="direct",
+        target=problem.target,
+        rest=rest,
+        pose=problem.target.vertices.copy(),
+        contacts=contacts,
+        pinned=np.asarray(problem.pinned),
+        contact_forces=contact_forces,
+        forces=forces,
+        material=material,
+        certificate=certificate,
+        quality=quality,
+        obstacles=problem.obstacles,
+        history=tuple(run.history),
+        notes=tuple(run.notes),
+        seconds=time.perf_counter() - run.started,
+        iterations=sum(s.path.iterations for s in run.solvers),
+        factorizations=sum(s.path.factorizations for s in run.solvers),
+        timings=dict(run.timings),
+    )
+
+
+def _certificate(
+    run: _Run, rest: FloatArray, contact_forces: FloatArray
+) -> tuple[Certificate, FloatArray]:
+    problem = run.problem
+    return certify(
+        problem.energies,
+        problem.target.vertices,
+        problem.target.vertices,
+        rest,
+        problem.contacts,
+        contact_forces,
+        np.asarray(problem.pinned),
+        float(problem.target.mean_edge_length),
+    )
+
+
+def _verdict(
+    run: _Run, certificate: Certificate, outcomes: list[Outcome]
+) -> tuple[Status, str]:
+    """Status and advice: the certificate decides, the solvers only explain a failure."""
+    status = status_of(certificate)
+    if status.certified:
+        return status, explain(status, run.problem, None, None)
+    if run.interrupted:
+        return Status.INTERRUPTED, explain(Status.INTERRUPTED, run.problem, None, None)
+    for piece, outcome in zip(run.pieces, outcomes, strict=False):
+        if outcome.good:
+            continue
+        status = _failure(status, outcome)
+        return status, explain(status, run.problem, piece, outcome)
+    return status, explain(status, run.problem, None, None)
+
+
+def _failure(status: Status, outcome: Outcome) -> Status:
+    """What the solver knows beyond a certificate that failed."""
+    if outcome.obstruction is not None:
+        return Status.INFEASIBLE
+    if status is Status.ITERATION_LIMIT:
+        if outcome.rung == "start":
+            return Status.CONE_VIOLATED
+        if outcome.load < 1.0 and outcome.load > 0.0 and outcome.residual <= 1e-2:
+            return Status.TOO_SOFT
+        if outcome.balanced and outcome.residual <= ROUNDING and outcome.cone_margin < 0.0:
+            return Status.CONE_VIOLATED
+    return status
+
+
+__all__ = ["METHODS", "Callback", "solve"]
