@@ -16,7 +16,7 @@ import numpy as np
 from casashell.typing import ArrayLike, BoolArray, FloatArray
 
 #: how far from 1 the length of a normal may be
-_UNIT = 1e-6
+UNIT = 1e-6
 
 
 def split(f: ArrayLike, n: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -89,7 +89,7 @@ def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def check_unit(normals: FloatArray, what: str) -> None:
     """ValueError naming the first row of (C, 3) that is not a unit vector."""
     length = np.linalg.norm(normals, axis=1)
-    bad = np.flatnonzero(~(np.abs(length - 1.0) <= _UNIT))
+    bad = np.flatnonzero(~(np.abs(length - 1.0) <= UNIT))
     if bad.size:
         raise ValueError(
             f"{what}: row {int(bad[0])} is not a unit vector, its length is {length[bad[0]]:.6g}; "

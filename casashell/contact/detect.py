@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from casashell.contact.cone import check_unit, tangents
+from casashell.contact.cone import UNIT, check_unit, tangents
 from casashell.contact.obstacles import Obstacle, checked
 from casashell.contact.validation import indices, number1, points3
 from casashell.typing import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray
@@ -163,8 +163,15 @@ def _with_one(
             f"signed_distance of {_label(obstacle, number)} is {gap[bad[0]]} "
             f"at vertex {int(vertices[bad[0]])}"
         )
-    close = gap < reach
-    count = int(close.sum())
+    close = np.flatnonzero(gap < reach)
+    length = np.linalg.norm(normal[close], axis=1)
+    off = np.flatnonzero(~(np.abs(length - 1.0) <= UNIT))
+    if off.size:
+        raise ValueError(
+            f"signed_distance of {_label(obstacle, number)} at vertex "
+            f"{int(vertices[close[off[0]]])}: normal has length {length[off[0]]:.6g}, not 1"
+        )
+    count = close.size
     return Contacts(
         vertices[close],
         normal[close],
