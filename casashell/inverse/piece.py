@@ -21,12 +21,15 @@ class Piece:
     """A connected part of the shell with what touches and holds it.
 
     vertices   (n,) ids in the whole mesh; every other id is local
-    target     (n,3) m
+    origin     (3,) m, what was subtracted from all positions: stiff elements feel the rounding of
+               coordinates, so a piece is solved near the origin
+    target     (n,3) m, relative to the origin (exactly)
     edges      (E,2) mesh edges, for measuring how far a step distorts the mesh
     f0, h      force and length that tolerances are relative to, those of the whole problem
     """
 
     vertices: IntArray
+    origin: FloatArray
     target: FloatArray
     edges: IntArray
     energies: tuple[Energy, ...]
@@ -121,11 +124,14 @@ def split(problem: Problem, *, interpreted: bool = False) -> Iterator[Piece]:
             term.restricted(labels[term.stencils[:, 0]] == part, renumber)
             for term in problem.energies
         )
+        # A multiple of the unit in the last place of the points, so that the subtraction is exact.
+        origin = np.round(points[ids].mean(axis=0) * 2.0**20) / 2.0**20
         contacts = problem.contacts.subset(labels[problem.contacts.vertices] == part)
         edges = problem.target.edges
         yield Piece(
             vertices=ids,
-            target=np.ascontiguousarray(points[ids]),
+            origin=origin,
+            target=np.ascontiguousarray(points[ids] - origin),
             edges=renumber[edges[labels[edges[:, 0]] == part]],
             energies=energies,
             assembly=whole if count == 1 else Assembly(energies, len(ids), interpreted=interpreted),
