@@ -203,7 +203,7 @@ def _failure(status: Status, outcome: Outcome) -> Status:
     if status is Status.ITERATION_LIMIT:
         if outcome.rung == "start":
             return Status.CONE_VIOLATED
-        if outcome.load < 1.0 and outcome.load > 0.0 and outcome.residual <= 1e-2:
+        if outcome.load < 1.0 and outcome.missing <= 1e-2:  # balanced at a smaller load
             return Status.TOO_SOFT
         if outcome.balanced and outcome.cone_margin < 0.0:
             return Status.CONE_VIOLATED

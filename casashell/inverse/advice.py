@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from casashell.inverse.direct import Outcome
@@ -37,8 +39,6 @@ def needed_friction(piece: Piece) -> float | None:
 
     None when even 64 times the friction does not help (or there is none to scale).
     """
-    from dataclasses import replace
-
     mu = piece.contacts.friction
     if len(mu) == 0 or not mu.any():
         return None
@@ -126,7 +126,12 @@ def _unfinished(status: Status, piece: Piece, outcome: Outcome) -> str:
             "The equilibrium needs contact forces outside the friction cones: raise the friction, "
             "let more vertices touch (tolerance) or pin vertices."
         )
-    if 0.0 < outcome.load < 1.0 or status is Status.TOO_SOFT:
+    if status is Status.TOO_SOFT and outcome.load == 0.0:
+        return (
+            "Not even a small part of the weight could be carried: without enough bending stiffness "
+            "this target is a mechanism. Raise bend."
+        )
+    if status is Status.TOO_SOFT:
         return (
             f"Only {100.0 * outcome.load:.0f} % of the weight could be carried: the material is too "
             f"soft for this pose. About {1.0 / max(outcome.load, 1e-2):.1f} times the stretch and bend "

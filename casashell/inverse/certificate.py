@@ -24,6 +24,8 @@ from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 ACTIVE = 1e-6
 #: Scaled eigenvalue below which a motion counts as neutral: f0 would move it by 1e7 edges.
 NEUTRAL = 1e-7
+#: Cone margin / f0 that counts as zero.
+ROUNDING = 1e-12
 #: SciPy's SuperLU takes over-long above this many degrees of freedom; MUMPS serves there.
 _SUPERLU_LIMIT = 12_000
 _IMAGINARY = 1e-30
@@ -170,6 +172,11 @@ def cone_numbers(contacts: Contacts, forces: FloatArray) -> tuple[FloatArray, Fl
     return contacts.friction * normal - tangential, normal
 
 
+def _above_rounding(margin: float) -> float:
+    """Zero for a margin that is negative by rounding only, as without friction it must be."""
+    return 0.0 if -ROUNDING <= margin < 0.0 else margin
+
+
 def _free(count: int, contacts: Contacts, normal: FloatArray, pinned: IntArray, f0: float) -> BoolArray:
     free = np.ones(count, dtype=bool)
     free[pinned] = False
@@ -211,7 +218,7 @@ def certify(
     touched = len(contacts.vertices) > 0
     certificate = Certificate(
         free_force=float(np.abs(unbalanced).max(initial=0.0)) / f0,
-        cone_margin=float(slack.min()) / f0 if touched else None,
+        cone_margin=_above_rounding(float(slack.min()) / f0) if touched else None,
         min_normal_force=float(normal.min()) / f0 if touched else None,
         min_eigenvalue=lowest if np.isfinite(lowest) else None,
         min_eigenvalue_scaled=lowest * h / f0 if np.isfinite(lowest) else None,

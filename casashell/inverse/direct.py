@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from casashell.contact.cone import margin, split as split_force
+from casashell.contact.cone import margin, project
+from casashell.contact.cone import split as split_force
 from casashell.inverse.forces import (
     SHRINKS,
     Shrink,
@@ -31,6 +32,8 @@ from casashell.typing import FloatArray
 
 #: Residual / f0 of an equilibrium, a little inside what a certificate asks for.
 BALANCED = 5e-7
+#: Cone violation / f0 that is rounding: the margin of a frictionless contact is zero at best.
+ROUNDING_OF_CONES = 1e-12
 MASS_ROUNDS = 4
 MAX_CUT_ROUNDS = 8
 
@@ -66,7 +69,7 @@ class Outcome:
     @property
     def good(self) -> bool:
         """A stable equilibrium with every contact force strictly inside its cone."""
-        return self.balanced and self.cone_margin > 0.0 and self.eigenvalue > 0.0
+        return self.balanced and self.cone_margin >= -ROUNDING_OF_CONES and self.eigenvalue > 0.0
 
     @property
     def rank(self) -> tuple[bool, float, float, float]:
@@ -164,7 +167,7 @@ class DirectSolver:
             outcome = self._outcome(name, point, forces)
             self.last = outcome
             self.report(Step(name, point.load, round_, point.residual, 0.0))
-            if point.load < 1.0 or outcome.cone_margin > 0.0:
+            if point.load < 1.0 or outcome.cone_margin >= -ROUNDING_OF_CONES:
                 break
             loads = piece.assembly.nodal_loads(point.rest)
         return outcome if outcome is not None else self._start()
@@ -179,6 +182,7 @@ class DirectSolver:
         at = contacts.vertices
         share = np.bincount(at, minlength=len(piece.target))[at] if len(at) else np.ones(0)
         felt = point.load * forces + (total - carried)[at] / share[:, None]
+        felt = _snapped(felt, piece)
         inside = np.inf
         if len(at):
             normal, _ = split_force(felt, contacts.normals)
@@ -193,6 +197,14 @@ class DirectSolver:
             values, _ = lowest_modes(piece, point.rest, self._active(outcome), 1)
             outcome = replace(outcome, eigenvalue=float(values[0]))
         return outcome
+
+
+def _snapped(forces: FloatArray, piece: Piece) -> FloatArray:
+    """Forces outside their cone by rounding alone put onto it: without friction that is all of them."""
+    contacts = piece.contacts
+    onto = project(forces, contacts.normals, contacts.friction)
+    near = np.linalg.norm(onto - forces, axis=1) <= 1e-8 * piece.f0
+    return np.where(near[:, None], onto, forces)
 
 
 ForceChoice = Callable[[FloatArray], "FloatArray | None"]
