@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,7 @@ class Result:
     contact_forces   (C,3) N, on the shell, in the order of ``contacts``
     forces           (V,3) N, dE/dx at (pose, rest)
     material         arrays each energy term wrote about itself: edges, hinges, stretch, bend, ...
+    contact_tolerance  m, the one the contacts were found with; kept for running again
     """
 
     status: Status
@@ -86,3 +87,35 @@ class Result:
     iterations: int = 0
     factorizations: int = 0
     timings: Mapping[str, float] = field(default_factory=dict)
+    contact_tolerance: float | None = None
+
+    def require(self) -> Result:
+        """The result itself if it is a certified equilibrium, else NotConverged is raised."""
+        if not self.status.certified:
+            raise NotConverged(self)
+        return self
+
+    def save(self, folder: str | Path, *, unit: float = 1.0, overwrite: bool = False) -> None:
+        """Write natural.obj, pose.obj, result.json, result.npz and scene.toml into ``folder``.
+
+        unit is metres per unit of the mesh files; overwrite replaces an earlier result.  Raises
+        FileExistsError for a folder with files and OSError for what the file system refuses.
+        """
+        from casashell.io.results import save_result
+
+        save_result(self, folder, unit=unit, overwrite=overwrite)
+
+    @staticmethod
+    def load(folder: str | Path) -> Result:
+        """The result saved in ``folder``; ValueError if there is none."""
+        from casashell.io.results import load_result
+
+        return load_result(folder)
+
+
+class NotConverged(RuntimeError):
+    """Raised by `Result.require`; ``result`` holds the best shape found and its certificate."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(f"{result.status}: {result.advice}")
+        self.result = result

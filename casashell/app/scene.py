@@ -1,0 +1,318 @@
+"""Scenes: what the command line and scene files describe, made into a `Problem`.
+
+    options or scene.toml  ->  SceneSpec (paths and numbers as given)
+                           ->  Scene (meshes and arrays in SI)
+                           ->  Problem
+
+A scene file (TOML; lengths in its own unit, paths relative to the file, everything but the shell
+optional):
+
+    name = "hat"                    # for reports
+    method = "auto"                 # auto, direct
+    gravity = 9.81                  # m/s2 along -up, or a vector [0.0, -9.81, 0.0]
+    tolerance = 0.039               # contact when signed distance < tolerance
+    pinned = [3, 17, 42]            # vertex ids from 0, or a text file "pins.txt"
+
+    [shell]
+    file = "hat.obj"
+    unit = "dm"                     # m, dm, cm, mm or metres per unit
+    up = "y"                        # x, y, z
+
+    [material]                      # a number, or one value per element: "file.npz:key"
+    density = 0.2                   # kg/m2, per face
+    stretch = 20.0                  # N, per edge
+    bend = "stiffness.npz:bend"     # J, per hinge
+
+    [[obstacle]]                    # as many as you like
+    kind = "mesh"                   # file, flip = false
+    file = "body.obj"
+    friction = 0.5                  # every kind has friction and name
+
+    [[obstacle]]
+    kind = "plane"                  # normal, offset: free where normal . x >= offset
+    normal = [0.0, 1.0, 0.0]        # sphere: center, radius      capsule: a, b, radius
+    offset = 0.0                    # cylinder: base, axis, radius, length (none: infinite)
+                                    # cone: apex, axis, half_angle [rad], length (none: infinite)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from casashell.app.values import (
+    METHODS,
+    UP_VECTORS,
+    ArrayReference,
+    Gravity,
+    MaterialValue,
+    Pins,
+    parse_gravity,
+    parse_material,
+    parse_method,
+    parse_tolerance,
+    parse_unit,
+    parse_up,
+    read_pins,
+)
+from casashell.contact.obstacles import Obstacle
+from casashell.io.obstacle_tables import read_obstacle
+from casashell.io.toml_tables import Table, read_toml
+from casashell.mesh import TriMesh
+from casashell.problem import Problem
+from casashell.typing import FloatArray, IntArray
+from formulations import discrete_shell
+
+_TOP: Final = (
+    *("name", "method", "gravity", "tolerance", "pinned"),
+    *("shell", "material", "obstacle"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """Numbers, or one value per element.
+
+    density  kg/m2, per face;  stretch  N, per edge;  bend  J, per hinge
+    """
+
+    density: float | FloatArray = 0.2
+    stretch: float | FloatArray = 20.0
+    bend: float | FloatArray = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A shell, what it rests on and what it is made of; SI throughout.
+
+    target     the designed pose, m, in the axes of the input
+    gravity    (3,) m/s2
+    pinned     vertex ids
+    tolerance  contact tolerance [m]; None: 0.5 % of the target's bounding box diagonal
+    up         up axis of the input
+    unit       metres per unit of the input, for files written from this scene
+    vertex_map (V_input,) where repair put each vertex of the file, -1 if dropped; None: unchanged
+    remarks    what was done to the input on the way
+    """
+
+    name: str
+    target: TriMesh
+    obstacles: tuple[Obstacle, ...] = ()
+    material: Material = field(default_factory=Material)
+    gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)
+    pinned: tuple[int, ...] = ()
+    tolerance: float | None = None
+    method: str = METHODS[0]
+    up: str = "y"
+    unit: float = 1.0
+    vertex_map: IntArray | None = None
+    remarks: tuple[str, ...] = ()
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What `casashell.solve` takes.
+
+        Raises MeshError for a mesh that cannot be simulated and ValueError for pins, material
+        values and tolerances that do not fit, naming vertex, element or parameter.
+        """
+        energies = discrete_shell(
+            self.target,
+            density=self.material.density,
+            stretch=self.material.stretch,
+            bend=self.material.bend,
+            gravity=self.gravity,
+        )
+        return Problem(self.target, energies, self.obstacles, self.pinned, self.tolerance)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the target [kg]."""
+        return float(np.sum(np.asarray(self.material.density) * self.target.face_areas))
+
+    @property
+    def up_vector(self) -> tuple[float, float, float]:
+        """Against gravity where there is some, else the up axis."""
+        if any(self.gravity):
+            x, y, z = self.gravity
+            return (-x, -y, -z)
+        return UP_VECTORS[self.up]
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """A scene as given, nothing read yet: paths, lengths in the unit of the input.
+
+    obstacles  (where it was given, table) pairs; the tables are those of a scene file, with
+               paths relative to the folder beside them
+    friction   overrides the friction of every obstacle
+    """
+
+    shell: Path
+    name: str = ""
+    unit: float = 1.0
+    up: str = "y"
+    gravity: Gravity = 9.81
+    density: MaterialValue = 0.2
+    stretch: MaterialValue = 20.0
+    bend: MaterialValue = 1e-3
+    obstacles: tuple[ObstacleSource, ...] = ()
+    friction: float | None = None
+    pinned: Pins = ()
+    tolerance: float | None = None
+    method: str = METHODS[0]
+    file: Path | None = None
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file the scene reads."""
+        material = (self.density, self.stretch, self.bend)
+        files = [
+            self.shell,
+            *(value.path for value in material if isinstance(value, ArrayReference)),
+        ]
+        files += [source.file for source in self.obstacles if source.file is not None]
+        files += [path for path in (self.file, self.pinned) if isinstance(path, Path)]
+        return tuple(files)
+
+    def load(self, *, repair: bool = False) -> Scene:
+        """Read the files and convert to SI; ``repair`` mends the shell first.
+
+        Raises ValueError naming file, table or parameter, OSError for files that cannot be read.
+        """
+        from casashell.io.meshes import read_mesh_file
+
+        file = read_mesh_file(self.shell, unit=self.unit)
+        target, remarks = file.mesh, file.notes
+        pinned, vertex_map = read_pins(self.pinned), None
+        if repair:
+            target, vertex_map, done = _mended(target)
+            remarks += done
+            if vertex_map is not None:
+                pinned = _renumbered(pinned, vertex_map)
+        return Scene(
+            name=self.name or self.shell.stem,
+            target=target,
+            obstacles=tuple(source.read(self.unit, self.friction) for source in self.obstacles),
+            material=Material(*map(_value, (self.density, self.stretch, self.bend))),
+            gravity=self.gravity_vector,
+            pinned=pinned,
+            tolerance=None if self.tolerance is None else self.tolerance * self.unit,
+            method=self.method,
+            up=self.up,
+            unit=self.unit,
+            vertex_map=vertex_map,
+            remarks=remarks,
+        )
+
+    @property
+    def gravity_vector(self) -> tuple[float, float, float]:
+        """Gravity in the axes of the input [m/s2]."""
+        if isinstance(self.gravity, tuple):
+            return self.gravity
+        x, y, z = (0.0 - self.gravity * component for component in UP_VECTORS[self.up])
+        return (x, y, z)
+
+
+@dataclass(frozen=True)
+class ObstacleSource:
+    """An obstacle as given: its table, what to call it in messages, where its paths start."""
+
+    table: Mapping[str, Any]
+    where: str
+    folder: Path = Path()
+
+    @property
+    def file(self) -> Path | None:
+        """The mesh file, if there is one."""
+        file = self.table.get("file") if isinstance(self.table, Mapping) else None
+        return self.folder / file if isinstance(file, str) else None
+
+    def read(self, unit: float, friction: float | None) -> Obstacle:
+        """The obstacle in m."""
+        return read_obstacle(self.table, self.where, self.folder, unit, friction)
+
+
+def read_scene(path: Path) -> SceneSpec:
+    """The scene in a TOML file; the schema is at the top of this module.
+
+    Raises ValueError naming file, table and key, OSError for a file that cannot be opened.
+    """
+    folder = path.parent
+    top = Table.checked(read_toml(path), str(path), _TOP)
+    top.require("shell")
+    shell = Table.checked(top.values["shell"], f"{path}, [shell]", ("file", "unit", "up"))
+    shell.require("file")
+    where = f"{path}, [material]"
+    material = Table.checked(top.values.get("material", {}), where, ("density", "stretch", "bend"))
+    given: dict[str, Any] = {
+        key: parse_material(value, f"{where}: {key}", folder)
+        for key, value in material.values.items()
+    }
+    if "gravity" in top:
+        given["gravity"] = parse_gravity(top.values["gravity"], f"{path}: gravity")
+    if "tolerance" in top:
+        given["tolerance"] = parse_tolerance(top.values["tolerance"], f"{path}: tolerance")
+    if "method" in top:
+        given["method"] = parse_method(top.text("method"), f"{path}: method")
+    if "unit" in shell:
+        given["unit"] = parse_unit(shell.values["unit"], f"{path}, [shell]")
+    if "up" in shell:
+        given["up"] = parse_up(shell.text("up"), f"{path}, [shell]")
+    return SceneSpec(
+        shell=folder / shell.text("file"),
+        name=top.text("name"),
+        obstacles=_obstacle_sources(top, path),
+        pinned=_pins(top, folder),
+        file=path,
+        **given,
+    )
+
+
+def _obstacle_sources(top: Table, path: Path) -> tuple[ObstacleSource, ...]:
+    tables = top.values.get("obstacle", [])
+    if not isinstance(tables, list):
+        raise ValueError(f"{path}: write every obstacle under [[obstacle]], in double brackets")
+    return tuple(
+        ObstacleSource(table, f"{path}, obstacle {number}", path.parent)
+        for number, table in enumerate(tables, start=1)
+    )
+
+
+def _pins(top: Table, folder: Path) -> Pins:
+    value = top.values.get("pinned", [])
+    if isinstance(value, str):
+        return folder / value
+    if not isinstance(value, list):
+        raise top.wrong("pinned", "a list of vertex ids or the name of a text file")
+    return top.whole_numbers("pinned") if value else ()
+
+
+def _value(given: MaterialValue) -> float | FloatArray:
+    return given.read() if isinstance(given, ArrayReference) else given
+
+
+def _mended(mesh: TriMesh) -> tuple[TriMesh, IntArray | None, tuple[str, ...]]:
+    """Repaired mesh, vertex map (None if no vertex moved to another number), what was done."""
+    from casashell.repair import repaired
+
+    repair = repaired(mesh)
+    unchanged = np.array_equal(repair.vertex_map, np.arange(len(mesh.vertices)))
+    remarks = repair.report or ("nothing to repair",)
+    return repair.mesh, None if unchanged else repair.vertex_map, tuple(remarks)
+
+
+def _renumbered(pinned: Sequence[int], vertex_map: IntArray) -> tuple[int, ...]:
+    """Pins of the input as vertices of the repaired mesh; dropped ones name themselves."""
+    for pin in pinned:
+        if not 0 <= pin < len(vertex_map):
+            raise ValueError(
+                f"pinned vertex {pin} does not exist: ids go from 0 to {len(vertex_map) - 1}"
+            )
+        if vertex_map[pin] < 0:
+            raise ValueError(f"pinned vertex {pin} was dropped by the repair: it is in no face")
+    return tuple(int(vertex_map[pin]) for pin in pinned)
