@@ -138,12 +138,13 @@ def _connectivity(mesh: TriMesh) -> Iterator[Finding]:
         )
     count, labels = mesh.topology.face_components
     if count > 1:
-        sizes = np.bincount(labels)
+        sizes, first = np.bincount(labels), np.unique(labels, return_index=True)[1]
         yield _warning(
             "components",
-            np.unique(labels, return_index=True)[1],
-            f"{count} separate pieces ({_names(sizes)} faces): each must be held by contact or pins"
-            f" of its own; if they belong together, sew them ({_REPAIR} welds coincident vertices)",
+            first,
+            f"{count} separate pieces (of {_names(sizes)} faces, from faces {_names(first)}): each "
+            "must be held by contact or pins of its own; if they belong together, sew them "
+            f"({_REPAIR} welds coincident vertices)",
         )
 
 

@@ -33,12 +33,18 @@ class Topology:
         return np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2).reshape(-1, 2)
 
     @cached_property
+    def _repeats_vertex(self) -> BoolArray:
+        """(F,) faces with a vertex twice; they are passed over and have no edges."""
+        repeats: BoolArray = (self.faces == np.roll(self.faces, 1, axis=1)).any(axis=1)
+        return repeats
+
+    @cached_property
     def _edge_data(self) -> tuple[IntArray, IntArray, IntArray]:
         pairs = np.sort(self.half_edges, axis=1)
         key = pairs[:, 0] * self.vertex_count + pairs[:, 1]
-        key[pairs[:, 0] == pairs[:, 1]] = -1
+        key[np.repeat(self._repeats_vertex, 3)] = -1
         unique, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
-        skip = int(unique.size > 0 and unique[0] == -1)  # a corner used twice spans no edge
+        skip = int(unique.size > 0 and unique[0] == -1)  # the faces without edges
         edges = np.stack(np.divmod(unique[skip:], self.vertex_count), axis=1)
         return _frozen(edges), _frozen(inverse.reshape(-1) - skip), _frozen(count[skip:])
 
@@ -187,7 +193,9 @@ class Topology:
         ones = np.ones(len(rows), dtype=np.int8)
         graph = coo_array((ones, (rows, columns)), shape=(corners, corners))
         _, fan = connected_components(graph, directed=False)
+        fan[np.repeat(self._repeats_vertex, 3)] = -1
         _, representative = np.unique(fan, return_index=True)
+        representative = representative[fan[representative] >= 0]
         fans = np.bincount(self.faces.ravel()[representative], minlength=self.vertex_count)
         return np.flatnonzero(fans > 1)
 
