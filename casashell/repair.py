@@ -147,7 +147,7 @@ def _kept_faces(mesh: TriMesh, faces: IntArray, report: list[str]) -> BoolArray:
     flat[degenerate_faces(TriMesh(mesh.vertices, faces))] = True
     while True:  # a flat face at the rim can go, and may bare the next one
         rim = np.flatnonzero(keep & flat)
-        rim = rim[_longest_edge_is_free(mesh, faces, keep)[rim]]
+        rim = rim[_closes_no_gap(mesh, faces, keep)[rim]]
         if not len(rim):
             break
         keep[rim] = False
@@ -159,17 +159,19 @@ def _kept_faces(mesh: TriMesh, faces: IntArray, report: list[str]) -> BoolArray:
     return keep
 
 
-def _longest_edge_is_free(mesh: TriMesh, faces: IntArray, keep: BoolArray) -> BoolArray:
-    """(F,) has no other kept face the longest edge?  Such a flat face can go without a gap."""
+def _closes_no_gap(mesh: TriMesh, faces: IntArray, keep: BoolArray) -> BoolArray:
+    """(F,) could a kept flat face go without a slit?  One with neighbours on both sides may not."""
     corners = mesh.vertices[faces]
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).argmax(axis=1)
     rows = np.flatnonzero(keep)
-    topology = Topology(faces[rows], len(mesh.vertices))
-    free = np.zeros(len(faces), dtype=np.bool_)
+    idle = np.zeros(len(faces), dtype=np.bool_)
     if len(rows):
-        edge = topology.half_edge_edges.reshape(-1, 3)[np.arange(len(rows)), longest[rows]]
-        free[rows] = topology.edge_valence[edge] == 1
-    return free
+        topology = Topology(faces[rows], len(mesh.vertices))
+        free = topology.edge_valence[topology.half_edge_edges.reshape(-1, 3)] == 1
+        sides = (longest[rows, None] + np.arange(3)) % 3  # the long one, then the two short ones
+        free = np.take_along_axis(free, sides, axis=1)
+        idle[rows] = free[:, 0] | (free[:, 1] & free[:, 2])
+    return idle
 
 
 def _new_vertex_ids(mesh: TriMesh, weld: IntArray, faces: IntArray, report: list[str]) -> IntArray:
