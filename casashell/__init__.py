@@ -1,12 +1,13 @@
 """Natural shapes of elastic shells in frictional contact.
 
-    from casashell import Problem, MeshObstacle, read_mesh, solve
-    from formulations import discrete_shell
+from casashell import Problem, MeshObstacle, read_mesh, solve
+from formulations import discrete_shell
 """
 
 from casashell.contact.detect import Contacts
 from casashell.contact.mesh_obstacle import MeshObstacle
 from casashell.contact.obstacles import Capsule, Cone, Cylinder, Obstacle, Plane, Sphere
+from casashell.engine.codegen import codegen
 from casashell.engine.energy import Energy
 from casashell.io.meshes import read_mesh, write_mesh
 from casashell.mesh import TriMesh
@@ -39,6 +40,7 @@ __all__ = [
     "Status",
     "Step",
     "TriMesh",
+    "codegen",
     "inspect_mesh",
     "read_mesh",
     "repaired",

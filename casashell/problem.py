@@ -88,6 +88,4 @@ class Problem:
         """Unpinned vertices nearer to an obstacle than the tolerance."""
         if not self.obstacles:
             return Contacts.empty()
-        return detect(
-            self.target.vertices, self.obstacles, self.tolerance, np.asarray(self.pinned)
-        )
+        return detect(self.target.vertices, self.obstacles, self.tolerance, np.asarray(self.pinned))

@@ -90,6 +90,11 @@ def solve(
         begin = run.clock("kernels", begin)
         if len(contacts) == 0:
             run.notes.append("no contacts: no contact forces to choose")
+        elif (contacts.friction == 0.0).any():
+            run.notes.append(
+                "some contacts have no friction: they hold along their normal only, and stability "
+                "against sliding along the obstacle is not part of the certificate"
+            )
         for piece in run.pieces:
             run.solvers.append(DirectSolver(piece, run.report))
             run.solvers[-1].run()
@@ -108,7 +113,7 @@ def _gathered(run: _Run, *, in_place: bool = True) -> tuple[FloatArray, FloatArr
     rest, forces = target.copy(), np.zeros((len(contacts), 3))
     outcomes = []
     for piece, solver in zip(run.pieces, run.solvers, strict=False):
-        outcome = solver.best
+        outcome = solver.salvage() if run.interrupted else solver.best
         outcomes.append(outcome)
         rest[piece.vertices] = outcome.rest + (piece.origin if in_place else 0.0)
         mine = np.isin(contacts.vertices, piece.vertices)
@@ -179,9 +184,7 @@ def _certificate(
     )
 
 
-def _verdict(
-    run: _Run, certificate: Certificate, outcomes: list[Outcome]
-) -> tuple[Status, str]:
+def _verdict(run: _Run, certificate: Certificate, outcomes: list[Outcome]) -> tuple[Status, str]:
     """Status and advice: the certificate decides, the solvers only explain a failure."""
     status = status_of(certificate)
     if status.certified:

@@ -72,7 +72,7 @@ def _fold(x: AnyArray) -> AnyArray:
     cosine, sine = -(a * b).sum(axis=0), (_cross(b, a) * edge).sum(axis=0)
     turned = np.arctan2(sine.real, cosine.real)
     if not np.iscomplexobj(sine):
-        return turned
+        return np.asarray(turned)
     slope = cosine.real * sine.imag - sine.real * cosine.imag
     return np.asarray(turned + 1j * slope / (sine.real**2 + cosine.real**2))
 

@@ -47,7 +47,9 @@ class Assembly:
     def __init__(
         self, energies: Sequence[Energy], count: int, *, interpreted: bool = False
     ) -> None:
-        self.energies = tuple(e for e in (term.without_idle() for term in energies) if len(e.stencils))
+        self.energies = tuple(
+            e for e in (term.without_idle() for term in energies) if len(e.stencils)
+        )
         self.count = count
         self.interpreted = interpreted
         self._scatter: dict[str, IntArray] = {}
@@ -81,7 +83,7 @@ class Assembly:
                 indices[indptr[3 * row + a] + 3 * rank + b] = 3 * column + b
         return Pattern(3 * self.count, indptr, indices)
 
-    def _map(self, term: Energy) -> IntArray:
+    def scatter_map(self, term: Energy) -> IntArray:
         """Where each entry of the row-major (3k, 3k) blocks of ``term`` goes in the pattern."""
         if term.name not in self._scatter:
             pattern, s = self.pattern, term.stencils
@@ -152,7 +154,7 @@ class Assembly:
                 vectors.append((term, scale, blocks[0]))
             if blocks[-1].size:
                 data += scale * np.bincount(
-                    self._map(term).ravel(), blocks[-1].ravel(), minlength=len(data)
+                    self.scatter_map(term).ravel(), blocks[-1].ravel(), minlength=len(data)
                 )
         return self._sum_vectors(vectors), data
 
@@ -168,7 +170,9 @@ class Assembly:
         """dE/dx (V,3) and the entries of d2E/dx dr [N/m] in ``pattern``."""
         return self._second("mixed", x, r, load)
 
-    def lagrangian(self, x: FloatArray, r: FloatArray, w: FloatArray, load: float = 1.0) -> FloatArray:
+    def lagrangian(
+        self, x: FloatArray, r: FloatArray, w: FloatArray, load: float = 1.0
+    ) -> FloatArray:
         """Entries of d2(w . dE/dx)/dr2 in ``pattern``, for multipliers w (V,3)."""
         return self._second("lagrangian", x, r, load, _positions(w, self.count))[1]
 

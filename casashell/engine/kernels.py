@@ -13,6 +13,7 @@ import tempfile
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -29,7 +30,7 @@ KERNELS: dict[str, tuple[str, ...]] = {
     "lagrangian": ("A",),
     "lagrangian_mixed": ("B",),
 }
-_VERSION = "3"
+_VERSION = "4"
 
 _DRIVER = """
 #include <stdint.h>
@@ -61,7 +62,7 @@ class Shape:
     outputs: tuple[int, ...]
 
 
-def _symbolic(density: ca.Function, kernel: str) -> ca.Function:
+def _symbolic(density: ca.Function, kernel: str, prefix: str | None = None) -> ca.Function:
     """SX function (x, r, p, w) -> outputs of ``kernel``, dense; identically zero ones are empty."""
     k = density.size2_in(0)
     x, r = ca.SX.sym("x", 3, k), ca.SX.sym("r", 3, k)
@@ -80,17 +81,18 @@ def _symbolic(density: ca.Function, kernel: str) -> ca.Function:
         }[output]()
         # Row-major blocks: CasADi stores columns, NumPy reads rows.
         made.append(ca.vec(ca.densify(value.T)) if value.nnz() else ca.SX(0, 0))
-    return ca.Function(f"{density.name()}_{kernel}", [x, r, p, w], ca.cse(made))
+    return ca.Function(f"{prefix or density.name()}_{kernel}", [x, r, p, w], ca.cse(made))
 
 
 def _source(function: ca.Function, shape: Shape) -> str:
     """CasADi's C of ``function`` with the gathering loop behind it."""
-    generator = ca.CodeGenerator("kernel.c", {"with_header": False})
+    name = function.name()  # also the prefix of CasADi's helpers, so that kernels link together
+    generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
     generator.add(function)
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(folder + "/")
-        code = (Path(folder) / "kernel.c").read_text()
-    needs_w = function.name().endswith(("lagrangian", "lagrangian_mixed"))
+        code = (Path(folder) / f"{name}.c").read_text()
+    needs_w = name.endswith(("lagrangian", "lagrangian_mixed"))
     outputs = " ".join(
         f"res[{i}] = out[{i}] + {size} * s;" if size else f"res[{i}] = 0;"
         for i, size in enumerate(shape.outputs)
@@ -106,7 +108,7 @@ def _source(function: ca.Function, shape: Shape) -> str:
         ress=max(1, function.sz_res()),
         gather_w="Q[3*a+c] = w[3*v[a]+c];" if needs_w else "",
         outputs=outputs,
-        name=function.name(),
+        name=name,
     )
 
 
@@ -116,6 +118,16 @@ def _shape(function: ca.Function) -> Shape:
         function.numel_in(2),
         tuple(function.numel_out(i) for i in range(function.n_out())),
     )
+
+
+def kernel_source(density: ca.Function, kernel: str, prefix: str) -> tuple[str, tuple[int, ...]]:
+    """C of a kernel with symbols that start with ``prefix``, and the sizes of its outputs."""
+    function = _symbolic(density, kernel, prefix)
+    shape = _shape(function)
+    code = _source(function, shape)
+    for symbol in ("casashell_batch", "casashell_shape"):
+        code = code.replace(symbol, f"{prefix}_{kernel}_{symbol.removeprefix('casashell_')}")
+    return code, shape.outputs
 
 
 class CompiledKernel:
@@ -164,7 +176,8 @@ class InterpretedKernel:
             return made
         if count not in self._mapped:
             self._mapped[count] = self._function.map(count)
-        buffer, trigger = self._mapped[count].buffer()
+        buffer: Any
+        buffer, trigger = self._mapped[count].buffer()  # copies nothing, unlike a call
         inputs: list[AnyArray] = [np.ascontiguousarray(a[stencils]) for a in (x, r)]
         inputs += [np.ascontiguousarray(p), np.ascontiguousarray(w[stencils])]
         for i, array in enumerate(inputs):
@@ -184,7 +197,9 @@ def _load(serialized: str, kernel: str, interpreted: bool) -> Kernel:
     density = ca.Function.deserialize(serialized)
     if interpreted or build_cache.find_compiler() is None:
         return InterpretedKernel(_symbolic(density, kernel))
-    text = "|".join((serialized, kernel, _VERSION, ca.CasadiMeta.version(), build_cache.toolchain()))
+    text = "|".join(
+        (serialized, kernel, _VERSION, ca.CasadiMeta.version(), build_cache.toolchain())
+    )
     key = f"{density.name()}-{kernel}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
     path = build_cache.cached_library(key)
     if path is None:

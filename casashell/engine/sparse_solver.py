@@ -9,7 +9,6 @@ from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from casashell.typing import FloatArray, IntArray
 
@@ -49,13 +48,15 @@ class SuperLU:
 
     def factor(self, data: FloatArray) -> None:
         """Factor the matrix with entries ``data``; raises SingularMatrix."""
+        from scipy.sparse.linalg import splu
+
         if not np.all(np.isfinite(data)):
             raise SingularMatrix("the matrix has entries that are not finite")
         self._matrix.data = np.asarray(data)
         order = "MMD_AT_PLUS_A" if self._symmetry == "symmetric" else "COLAMD"
         options = {"SymmetricMode": True} if self._symmetry == "symmetric" else {}
         try:
-            self._lu = spla.splu(self._matrix, permc_spec=order, options=options)
+            self._lu = splu(self._matrix, permc_spec=order, options=options)
         except RuntimeError as error:
             raise SingularMatrix(f"SuperLU: {error}") from None
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from casashell.inverse.certificate import NEUTRAL
 from casashell.inverse.direct import Outcome
 from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
 from casashell.inverse.piece import Piece
-from casashell.inverse.certificate import NEUTRAL
 from casashell.problem import Problem
 from casashell.result import Certificate
 from casashell.status import Status
@@ -66,7 +66,9 @@ def explain(status: Status, problem: Problem, piece: Piece | None, outcome: Outc
     if status is Status.SOLVED_NEARBY:
         return "A stable frictional equilibrium was found, but its pose differs from the target."
     if status is Status.INTERRUPTED:
-        return "Stopped before the end: the natural shape is the best so far and not an equilibrium."
+        return (
+            "Stopped before the end: the natural shape is the best so far and not an equilibrium."
+        )
     if status is Status.NONFINITE:
         return (
             "The computation met numbers that are not finite: look for extremely bad triangles "

@@ -12,7 +12,6 @@ from typing import TypeAlias
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from casashell.contact.detect import Contacts
 from casashell.engine.energy import Energy
@@ -127,8 +126,10 @@ def stiffness_matrix(
 
 def _factor(matrix: sp.csr_array) -> tuple[Callable[[FloatArray], FloatArray], int]:
     """Solve function and number of negative eigenvalues of a symmetric matrix."""
+    from scipy.sparse.linalg import splu
+
     if matrix.shape[0] <= _SUPERLU_LIMIT:
-        lu = spla.splu(
+        lu = splu(
             sp.csc_array(matrix),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
@@ -143,6 +144,8 @@ def _factor(matrix: sp.csr_array) -> tuple[Callable[[FloatArray], FloatArray], i
 
 def lowest_eigenvalues(matrix: sp.csr_array, count: int) -> FloatArray:
     """Algebraically lowest eigenvalues of a symmetric matrix, ascending; inf when it is empty."""
+    import scipy.sparse.linalg as spla
+
     size = matrix.shape[0]
     if size == 0:
         return np.array([np.inf])
@@ -177,7 +180,9 @@ def _above_rounding(margin: float) -> float:
     return 0.0 if -ROUNDING <= margin < 0.0 else margin
 
 
-def _free(count: int, contacts: Contacts, normal: FloatArray, pinned: IntArray, f0: float) -> BoolArray:
+def _free(
+    count: int, contacts: Contacts, normal: FloatArray, pinned: IntArray, f0: float
+) -> BoolArray:
     free = np.ones(count, dtype=bool)
     free[pinned] = False
     free[contacts.vertices[normal > ACTIVE * f0]] = False

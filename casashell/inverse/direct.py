@@ -28,14 +28,14 @@ from casashell.inverse.piece import Piece
 from casashell.inverse.stability import lowest_modes
 from casashell.inverse.stress import StressProgram
 from casashell.result import Step
-from casashell.typing import FloatArray
+from casashell.typing import BoolArray, FloatArray
 
 #: Residual / f0 of an equilibrium, a little inside what a certificate asks for.
 BALANCED = 5e-7
 #: Cone violation / f0 that is rounding: the margin of a frictionless contact is zero at best.
 ROUNDING_OF_CONES = 1e-12
 MASS_ROUNDS = 4
-MAX_CUT_ROUNDS = 8
+MAX_CUT_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,13 @@ class DirectSolver:
             self.best = replace(self.best, obstruction=rigid_obstruction(self.piece))
         return self.best
 
+    def salvage(self) -> Outcome:
+        """The best outcome so far; on a first path that was interrupted, its furthest point."""
+        point = self.path.furthest
+        if self.best.rung != "start" or point is None:
+            return self.best
+        return replace(self.best, rest=point.rest, load=point.load, residual=point.residual)
+
     def _rungs(self) -> Iterator[tuple[str, ForceChoice]]:
         piece = self.piece
         if len(piece.contacts.vertices) == 0:
@@ -138,8 +145,8 @@ class DirectSolver:
                 return
             name = "stress program" + (f" with {len(cuts)} stability cuts" if cuts else "")
             yield name, _rebalanced(piece, stress.contact_forces, shrink)
-            if self.best.balanced and self.best.eigenvalue > 0.0:
-                return
+            if not self.last.balanced:
+                return  # too soft for least energy: cuts only ask for more
             cuts += self._cut_directions(round_)
             delta = 1e-3 * piece.f0 / piece.h
             self.report(Step("stability cut", 1.0, len(cuts), np.nan, 0.0))
@@ -150,7 +157,7 @@ class DirectSolver:
         _, modes = lowest_modes(piece, self.last.rest, self._active(self.last), 2 if round_ else 3)
         return [mode.reshape(-1, 3) for mode in modes.T]
 
-    def _active(self, outcome: Outcome) -> FloatArray:
+    def _active(self, outcome: Outcome) -> BoolArray:
         normal, _ = split_force(outcome.contact_forces, self.piece.contacts.normals)
         return normal > 1e-6 * self.piece.f0
 
@@ -191,7 +198,14 @@ class DirectSolver:
             )
         eigenvalue = -np.inf
         outcome = Outcome(
-            point.rest, felt, point.load, point.residual, missing, inside / piece.f0, eigenvalue, name
+            point.rest,
+            felt,
+            point.load,
+            point.residual,
+            missing,
+            inside / piece.f0,
+            eigenvalue,
+            name,
         )
         if outcome.balanced:
             values, _ = lowest_modes(piece, point.rest, self._active(outcome), 1)

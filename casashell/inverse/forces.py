@@ -46,18 +46,22 @@ def contact_frames(contacts: Contacts) -> tuple[sp.csr_array, IntArray]:
     t1, t2 = tangents(contacts.normals)
     frames = np.stack([contacts.normals, t1, t2], axis=2)  # (C, 3, 3): columns n, t1, t2
     count = len(contacts.vertices)
-    row = np.broadcast_to(3 * np.arange(count)[:, None, None] + np.arange(3)[None, :, None], frames.shape)
-    column = np.broadcast_to(3 * np.arange(count)[:, None, None] + np.arange(3)[None, None, :], frames.shape)
-    full = sp.csr_array((frames.ravel(), (row.ravel(), column.ravel())), shape=(3 * count, 3 * count))
+    row = np.broadcast_to(
+        3 * np.arange(count)[:, None, None] + np.arange(3)[None, :, None], frames.shape
+    )
+    column = np.broadcast_to(
+        3 * np.arange(count)[:, None, None] + np.arange(3)[None, None, :], frames.shape
+    )
+    full = sp.csr_array(
+        (frames.ravel(), (row.ravel(), column.ravel())), shape=(3 * count, 3 * count)
+    )
     keep = np.ones((count, 3), dtype=bool)
     keep[contacts.friction == 0.0, 1:] = False
     chosen = np.flatnonzero(keep.ravel())
     return full[:, chosen].tocsr(), chosen // 3
 
 
-def cone_rows(
-    contacts: Contacts, owner: IntArray, shrink: Shrink, floor: float
-) -> Block:
+def cone_rows(contacts: Contacts, owner: IntArray, shrink: Shrink, floor: float) -> Block:
     """Clarabel rows A, b and cones of ``Shrink`` for the columns of `contact_frames`.
 
     floor  the normal force that ``shrink.floor`` asks for, in the unit of the unknowns
@@ -152,9 +156,7 @@ def project_reactions(
     return None if found is None else np.asarray((frames @ found).reshape(-1, 3) * f0)
 
 
-def balance_rows(
-    piece: Piece, frames: sp.csr_array, loads: FloatArray
-) -> Block | None:
+def balance_rows(piece: Piece, frames: sp.csr_array, loads: FloatArray) -> Block | None:
     """Rows that balance ``loads`` (n,3) for the rigid motions that the pins allow."""
     modes = piece.rigid_modes
     if modes.shape[1] == 0:
@@ -166,7 +168,9 @@ def balance_rows(
     # Motions that contacts and loads both ignore (a turn about the vertical) make the rows dependent.
     u, size, _ = np.linalg.svd(rows, full_matrices=False)
     rank = int(np.sum(size > 1e-9 * max(size[0], 1e-300))) if size.size else 0
-    if np.linalg.norm(weight - u[:, :rank] @ (u[:, :rank].T @ weight)) > 1e-9 * np.linalg.norm(weight):
+    if np.linalg.norm(weight - u[:, :rank] @ (u[:, :rank].T @ weight)) > 1e-9 * np.linalg.norm(
+        weight
+    ):
         rank = 0  # inconsistent: keep all rows, the program will say infeasible
     if rank:
         rows, weight = u[:, :rank].T @ rows, u[:, :rank].T @ weight

@@ -25,9 +25,9 @@ Report = Callable[[Step], None]
 TIGHT, LOOSE = 1e-11, 1e-3
 #: Residual / f0 at which a Newton solve that cannot be lowered any more has met rounding.
 ROUNDING = 1e-4
-MAX_NEWTON, MIN_LOAD_STEP = 25, 1.0 / 256.0
+MAX_NEWTON, MIN_LOAD_STEP = 25, 1.0 / 64.0
 #: Factorisations one path may spend; the hardest real garment that was solved took 63.
-BUDGET = 160
+BUDGET = 120
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class LoadPath:
         self.report = report
         self.factorizations = 0
         self.iterations = 0
+        self.furthest: PathPoint | None = None
         n = len(piece.target)
         free = np.setdiff1d(np.arange(n), piece.pinned)
         self.dofs = (3 * free[:, None] + np.arange(3)).ravel()
@@ -90,7 +91,7 @@ class LoadPath:
         size = len(self.dofs)
         best: PathPoint | None = None
         slow = 0
-        for iteration in range(MAX_NEWTON):
+        for _ in range(MAX_NEWTON):
             gradient, entries = piece.assembly.mixed(target, rest, load)
             gap = (gradient - load * forces).ravel() - self.border @ correction
             residual = float(np.abs(gap[self.dofs]).max(initial=0.0)) / piece.f0
@@ -115,9 +116,9 @@ class LoadPath:
                 step = solver.solve(-np.concatenate([gap[self.dofs], self._scale * drift]))
             except SingularMatrix:
                 return None
-            moved = np.zeros(target.size)
-            moved[self.dofs] = step[:size]
-            moved = moved.reshape(-1, 3)
+            flat = np.zeros(target.size)
+            flat[self.dofs] = step[:size]
+            moved = flat.reshape(-1, 3)
             damping = _damping(rest, moved, piece.edges)
             if damping < 0.02:
                 return None
@@ -149,6 +150,7 @@ class LoadPath:
                 step /= 4.0 if step == 1.0 else 2.0
                 continue
             before, point, step = point, reached, min(2.0 * step, 1.0)
+            self.furthest = point
         return point
 
 

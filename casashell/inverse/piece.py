@@ -97,6 +97,8 @@ def scales(problem: Problem, assembly: Assembly) -> tuple[float, float]:
 
 def labels_of_parts(problem: Problem) -> tuple[int, IntArray]:
     """Parts of the shell that no energy couples: count and the part of every vertex."""
+    from scipy.sparse.csgraph import connected_components  # slow to import
+
     count = len(problem.target.vertices)
     rows, columns = [problem.target.faces[:, 0]] * 2, list(problem.target.faces[:, 1:].T)
     for term in problem.energies:
@@ -105,7 +107,7 @@ def labels_of_parts(problem: Problem) -> tuple[int, IntArray]:
             columns.append(other)
     row, column = np.concatenate(rows), np.concatenate(columns)
     graph = sp.coo_array((np.ones(len(row)), (row, column)), shape=(count, count))
-    parts, labels = sp.csgraph.connected_components(graph.tocsr(), directed=False)
+    parts, labels = connected_components(graph.tocsr(), directed=False)
     return int(parts), labels.astype(np.int64)
 
 

@@ -8,10 +8,10 @@ from casashell.io.strain import angle_change, relative_stretch
 from casashell.mesh import TriMesh
 from casashell.result import Quality
 from casashell.self_intersections import self_intersections
-from casashell.typing import FloatArray
+from casashell.typing import FloatArray, IntArray
 
 
-def corner_angles(points: FloatArray, faces: FloatArray) -> FloatArray:
+def corner_angles(points: FloatArray, faces: IntArray) -> FloatArray:
     """Angles of every triangle (F,3) [rad]."""
     corners = points[faces]
     one = np.roll(corners, -1, axis=1) - corners

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from casashell.engine.sparse_solver import SingularMatrix, make_solver
 from casashell.inverse.piece import Piece
-from casashell.typing import BoolArray, FloatArray
+from casashell.typing import BoolArray, FloatArray, IntArray
 
 
-def free_dofs(piece: Piece, active: BoolArray) -> FloatArray:
+def free_dofs(piece: Piece, active: BoolArray) -> IntArray:
     """Degrees of freedom left by pins and by the contacts that push (``active`` (C,))."""
     mask = np.ones(len(piece.target), dtype=bool)
     mask[piece.pinned] = False
@@ -39,6 +38,8 @@ def lowest_eigenpairs(matrix: sp.csr_array, count: int) -> tuple[FloatArray, Flo
     Shift-and-invert Lanczos just below the spectrum: the shift is lowered until the inertia says that
     nothing lies beneath it, so that "nearest to the shift" means "lowest".
     """
+    import scipy.sparse.linalg as spla
+
     size = matrix.shape[0]
     if size == 0:
         return np.array([np.inf]), np.zeros((0, 1))

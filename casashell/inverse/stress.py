@@ -83,9 +83,8 @@ class StressProgram:
             slope = self._kernel(term, "gradient", True)[0]
             size = slope.shape[1]
             block = self._kernel(term, "hessian", False)[1].reshape(-1, size, size)
-            parts.append(
-                np.einsum("si,sij,sj->s", slope, block, slope) / (slope**2).sum(axis=1) ** 2
-            )
+            bent = (block @ slope[:, :, None])[:, :, 0]
+            parts.append((slope * bent).sum(axis=1) / (slope**2).sum(axis=1) ** 2)
         return np.concatenate(parts) if parts else np.empty(0)
 
     @cached_property
@@ -112,8 +111,9 @@ class StressProgram:
         parts, constant, begin = [], 0.0, 0
         for term in self.terms:
             slope, curve = self._kernel(term, "hessian", True)
-            v = direction[term.stencils].reshape(slope.shape)
-            parts.append(np.einsum("si,sij,sj->s", v, curve.reshape(len(v), v.shape[1], -1), v))
+            v: FloatArray = direction[term.stencils].reshape(slope.shape)
+            second = curve.reshape(len(v), v.shape[1], v.shape[1])
+            parts.append(((second @ v[:, :, None])[:, :, 0] * v).sum(axis=1))
             c = self.stiffness[begin : begin + len(v)]
             constant += float((c * (v * slope).sum(axis=1) ** 2).sum())
             begin += len(v)
@@ -152,7 +152,11 @@ class StressProgram:
             size = float(np.abs(a[:-1] * scale).max()) or 1.0
             row = np.concatenate([-a[:-1] * scale / size, np.zeros(m)])[None, :]
             blocks.append(
-                (sp.csr_array(row), np.array([(a[-1] - delta) / size]), [clarabel.NonnegativeConeT(1)])
+                (
+                    sp.csr_array(row),
+                    np.array([(a[-1] - delta) / size]),
+                    [clarabel.NonnegativeConeT(1)],
+                )
             )
         quadratic = sp.diags_array(
             np.concatenate([np.ones(elements), np.full(m, 1e-9)]), format="csc"
