@@ -37,6 +37,7 @@ optional):
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -64,6 +65,7 @@ from casashell.contact.obstacles import Obstacle
 from casashell.io.obstacle_tables import read_obstacle
 from casashell.io.toml_tables import Table, read_toml
 from casashell.mesh import TriMesh
+from casashell.mesh_checks import validate
 from casashell.problem import Problem
 from casashell.typing import FloatArray, IntArray
 from formulations import discrete_shell
@@ -72,6 +74,9 @@ _TOP: Final = (
     *("name", "method", "gravity", "tolerance", "pinned"),
     *("shell", "material", "obstacle"),
 )
+
+
+SMALLEST_SIZE, LARGEST_SIZE = 1e-9, 1e9  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,19 +125,28 @@ class Scene:
         Raises MeshError for a mesh that cannot be simulated and ValueError for pins, material
         values and tolerances that do not fit, naming vertex, element or parameter.
         """
-        energies = discrete_shell(
-            self.target,
-            density=self.material.density,
-            stretch=self.material.stretch,
-            bend=self.material.bend,
-            gravity=self.gravity,
-        )
+        try:
+            energies = discrete_shell(
+                self.target,
+                density=self.material.density,
+                stretch=self.material.stretch,
+                bend=self.material.bend,
+                gravity=self.gravity,
+            )
+        except ValueError:
+            validate(self.target)  # a broken surface has no hinges: say what is wrong with it all
+            raise
         return Problem(self.target, energies, self.obstacles, self.pinned, self.tolerance)
 
     @property
     def mass(self) -> float:
         """Mass of the target [kg]."""
         return float(np.sum(np.asarray(self.material.density) * self.target.face_areas))
+
+    @property
+    def weight(self) -> float:
+        """Weight of the target [N]."""
+        return self.mass * math.hypot(*self.gravity)
 
     @property
     def up_vector(self) -> tuple[float, float, float]:
@@ -188,6 +202,7 @@ class SceneSpec:
 
         file = read_mesh_file(self.shell, unit=self.unit)
         target, remarks = file.mesh, file.notes
+        _check_size(target, self.shell)
         pinned, vertex_map = read_pins(self.pinned), None
         if repair:
             target, vertex_map, done = _mended(target)
@@ -290,6 +305,13 @@ def _pins(top: Table, folder: Path) -> Pins:
     if not isinstance(value, list):
         raise top.wrong("pinned", "a list of vertex ids or the name of a text file")
     return top.whole_numbers("pinned") if value else ()
+
+
+def _check_size(mesh: TriMesh, path: Path) -> None:
+    """Beyond these sizes squares and cubes of lengths leave the range of numbers."""
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    if not SMALLEST_SIZE < size < LARGEST_SIZE:
+        raise ValueError(f"{path}: the shell is {size:.3g} m across; check the file and its unit")
 
 
 def _value(given: MaterialValue) -> float | FloatArray:
