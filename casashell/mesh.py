@@ -17,6 +17,8 @@ import numpy as np
 from casashell.topology import Topology
 from casashell.typing import ArrayLike, FloatArray, IntArray
 
+_LARGEST = 1e50  # m: areas and volumes of anything larger overflow
+
 
 @dataclass(frozen=True, eq=False)
 class TriMesh:
@@ -168,12 +170,13 @@ def _checked_vertices(values: ArrayLike) -> FloatArray:
         raise ValueError(f"vertices must have shape (V, 3), got {vertices.shape}")
     if len(vertices) == 0:
         raise ValueError("the mesh is empty: no vertices")
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(vertices) < _LARGEST).all(axis=1))
     if bad.size:
         x, y, z = vertices[bad[0]]
         more = f" ({bad.size} such vertices in all)" if bad.size > 1 else ""
+        fault = "beyond all measure" if np.isfinite([x, y, z]).all() else "not finite"
         raise ValueError(
-            f"vertex {bad[0]} is not finite: ({x:g}, {y:g}, {z:g}){more}; "
+            f"vertex {bad[0]} is {fault}: ({x:g}, {y:g}, {z:g}){more}; "
             "export the mesh again or delete the vertex and its faces"
         )
     vertices.setflags(write=False)

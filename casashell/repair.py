@@ -10,9 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from casashell.mesh import TriMesh
 from casashell.mesh_checks import (
@@ -22,7 +19,7 @@ from casashell.mesh_checks import (
     duplicate_faces,
     inspect_mesh,
 )
-from casashell.topology import Topology
+from casashell.topology import Topology, linked
 from casashell.typing import BoolArray, IntArray
 
 
@@ -112,11 +109,10 @@ def _weld(mesh: TriMesh, tolerance: float, report: list[str]) -> IntArray:
 
 def _near_groups(mesh: TriMesh, tolerance: float) -> tuple[IntArray, IntArray]:
     """Like `coincident_groups` for vertices linked by gaps up to the tolerance."""
+    from scipy.spatial import cKDTree  # slow to import
+
     pairs = cKDTree(mesh.vertices).query_pairs(tolerance, output_type="ndarray")
-    count = len(mesh.vertices)
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    _, labels = connected_components(graph, directed=False)
+    labels = linked(pairs[:, 0], pairs[:, 1], len(mesh.vertices))
     _, first = np.unique(labels, return_index=True)
     shared = np.flatnonzero(np.bincount(labels)[labels] > 1)
     return shared, first[labels[shared]]

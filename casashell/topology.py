@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from casashell.typing import BoolArray, IntArray
 
@@ -161,11 +159,8 @@ class Topology:
     @cached_property
     def components(self) -> tuple[int, IntArray]:
         """Number of pieces and the piece of every vertex (V,); a lone vertex is its own piece."""
-        ones = np.ones(len(self.edges), dtype=np.int8)
-        size = (self.vertex_count, self.vertex_count)
-        graph = coo_array((ones, (self.edges[:, 0], self.edges[:, 1])), shape=size)
-        count, labels = connected_components(graph, directed=False)
-        return int(count), labels.astype(np.int64)
+        labels = linked(self.edges[:, 0], self.edges[:, 1], self.vertex_count)
+        return int(labels.max()) + 1, labels
 
     @cached_property
     def face_components(self) -> tuple[int, IntArray]:
@@ -189,10 +184,7 @@ class Topology:
         flipped = self.half_edges[a, 0] != self.half_edges[b, 0]
         rows = np.concatenate([a, a_end])
         columns = np.concatenate([np.where(flipped, b_end, b), np.where(flipped, b, b_end)])
-        corners = self.faces.size
-        ones = np.ones(len(rows), dtype=np.int8)
-        graph = coo_array((ones, (rows, columns)), shape=(corners, corners))
-        _, fan = connected_components(graph, directed=False)
+        fan = linked(rows, columns, self.faces.size)
         fan[np.repeat(self._repeats_vertex, 3)] = -1
         _, representative = np.unique(fan, return_index=True)
         representative = representative[fan[representative] >= 0]
@@ -212,14 +204,23 @@ class Topology:
         f, g, count = first // 3, second // 3, len(self.faces)
         rows = np.concatenate([f, f + count])
         columns = np.concatenate([g + count * conflict, g + count * ~conflict])
-        ones = np.ones(len(rows), dtype=np.int8)
-        graph = coo_array((ones, (rows, columns)), shape=(2 * count, 2 * count))
-        _, labels = connected_components(graph, directed=False)
+        labels = linked(rows, columns, 2 * count)
         kept, turned = labels[:count], labels[count:]
         size = np.bincount(kept, minlength=int(labels.max()) + 1)
         # equal halves: the one that holds the lower label, i.e. the lowest face, stays as it is
         turn = (size[kept] < size[turned]) | ((size[kept] == size[turned]) & (kept > turned))
         return turn, kept == turned
+
+
+def linked(rows: IntArray, columns: IntArray, size: int) -> IntArray:
+    """Label of each of ``size`` nodes, the same for nodes joined by links rows[i] - columns[i]."""
+    from scipy.sparse import coo_array  # here, because csgraph is slow to import
+    from scipy.sparse.csgraph import connected_components
+
+    ones = np.ones(len(rows), dtype=np.int8)
+    graph = coo_array((ones, (rows, columns)), shape=(size, size))
+    labels: IntArray = connected_components(graph, directed=False)[1].astype(np.int64)
+    return labels
 
 
 def _frozen(array: IntArray) -> IntArray:

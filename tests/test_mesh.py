@@ -155,6 +155,7 @@ def test_zero_area_face_has_zero_normal_and_a_repeated_corner_spans_no_edge() ->
         (np.zeros((0, 3)), np.zeros((0, 3), dtype=int), "empty: no vertices"),
         (SQUARE, np.zeros((0, 3), dtype=int), "empty: no faces"),
         ([[0, 0, 0], [1, 0, np.nan], [0, np.inf, 0]], [[0, 1, 2]], r"vertex 1 .*nan.*2 such"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1e200, 0]], [[0, 1, 2]], "vertex 2 is beyond all measure"),
         ([["a", "b", "c"]], [[0, 0, 0]], "array of numbers"),
     ],
 )

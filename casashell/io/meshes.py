@@ -61,10 +61,11 @@ def read_mesh_file(path: str | Path, *, unit: float = 1.0) -> MeshFile:
         if not soup.polygons:
             raise ValueError(_no_faces(soup))
         points = np.array(soup.points, dtype=np.float64)
-        with np.errstate(invalid="ignore"):  # TriMesh names the vertex that is not finite
+        with np.errstate(invalid="ignore", over="ignore"):  # TriMesh names such a vertex
             faces = triangulated(points, soup.polygons)
+            points *= unit
         all_triangles = len(faces) == len(soup.polygons)
-        mesh = TriMesh(points * unit, faces, () if all_triangles else tuple(soup.polygons))
+        mesh = TriMesh(points, faces, () if all_triangles else tuple(soup.polygons))
     except (ValueError, OSError) as problem:
         raise ValueError(f"{source}: {_reason(problem)}") from None
     notes += _polygon_notes(soup)
@@ -142,6 +143,8 @@ def _read_with_meshio(source: Path) -> PolygonSoup:
 
     if not _known_to_meshio(source):
         raise ValueError(_unknown_extension(source))
+    if source.suffix.lower() == ".ply" and b"end_header" not in source.read_bytes():
+        raise ValueError("damaged, or not what its extension says (the PLY header has no end)")
     loaded = _quietly(lambda: meshio.read(source), "damaged, or not what its extension says")
     points = np.asarray(loaded.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:

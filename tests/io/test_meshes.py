@@ -188,6 +188,7 @@ def test_line_cells_are_named(tmp_path: Path) -> None:
         ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", r"line 6: face with .*\(0, 1, 3\)"),
         ("a.ply", "not a ply file", "damaged, or not what its extension says"),
         ("a.ply", "", "damaged"),
+        ("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "the PLY header has no end"),
         ("a.stl", "solid a\nfacet normal 0 0 1\nouter", "damaged"),
         ("a.stl", "v 0 0 0\n" * 30, "damaged"),
         ("a.vtk", "# vtk DataFile Version 3.0\n", "damaged"),
