@@ -57,7 +57,8 @@ def strain(target: TriMesh, rest: FloatArray) -> Strain:
 def edge_lengths(points: FloatArray, edges: IntArray) -> FloatArray:
     """Length (E,) of each edge (E,2), in the unit of ``points``."""
     difference: FloatArray = points[edges[:, 1]] - points[edges[:, 0]]
-    return np.sqrt(np.einsum("ij,ij->i", difference, difference))
+    lengths: FloatArray = np.linalg.norm(difference, axis=1)
+    return lengths
 
 
 def relative_stretch(target: FloatArray, rest: FloatArray, edges: IntArray) -> FloatArray:
@@ -76,7 +77,7 @@ def relative_stretch(target: FloatArray, rest: FloatArray, edges: IntArray) -> F
 
 
 def dihedral_angles(points: FloatArray, hinges: IntArray) -> FloatArray:
-    """Signed angle (H,) rad in (-pi, pi] between the two faces of each hinge; 0 where they are flat.
+    """Signed angle (H,) rad in (-pi, pi] between the two faces of each hinge; 0 where flat.
 
     hinges (H,4): edge ends i, j, then the opposite vertices k of face (i,j,k) and l of (j,i,l).
     Positive where the faces fold away from the side their normals point to.  atan2 keeps full
