@@ -181,10 +181,10 @@ class InterpretedKernel:
         inputs: list[AnyArray] = [np.ascontiguousarray(a[stencils]) for a in (x, r)]
         inputs += [np.ascontiguousarray(p), np.ascontiguousarray(w[stencils])]
         for i, array in enumerate(inputs):
-            buffer.set_arg(i, memoryview(array.reshape(-1)))
+            buffer.set_arg(i, array.reshape(-1).data)
         for i, array in enumerate(made):
             if array.size:
-                buffer.set_res(i, memoryview(array.reshape(-1)))
+                buffer.set_res(i, array.reshape(-1).data)
         trigger()
         return made
 
