@@ -1,0 +1,1 @@
+"""Speed of casashell, measured and compared with goals; run with ``make bench``."""

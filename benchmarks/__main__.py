@@ -1,0 +1,35 @@
+"""``python -m benchmarks``: run everything, write benchmarks/RESULTS.md, exit 1 on a missed goal."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from pathlib import Path
+
+from benchmarks import derivatives, programs, scaling
+
+PARTS = {"derivatives": derivatives.run, "scaling": scaling.run, "programs": programs.run}
+
+
+def main(names: list[str]) -> int:
+    """Run the named parts (all by default)."""
+    text = [
+        "# Benchmarks",
+        "",
+        f"`python -m benchmarks` on {platform.machine()}, Python {platform.python_version()}. "
+        "Wall times of a shared machine: ratios are safer than the last digit.",
+    ]
+    missed = 0
+    for name in names or list(PARTS):
+        goals, table = PARTS[name]()
+        missed += sum(not goal.met for goal in goals)
+        rows = ["| goal | measured | wanted | |", "|---|---|---|---|", *(g.row() for g in goals)]
+        text += ["", f"## {name}", "", table, "", *rows]
+        print("\n".join([f"{name}:", table, *(goal.row() for goal in goals), ""]), flush=True)
+    if not names:
+        (Path(__file__).parent / "RESULTS.md").write_text("\n".join(text) + "\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
