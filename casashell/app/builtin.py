@@ -84,7 +84,8 @@ def page(across: int = 19, along: int = 43) -> Scene:
     """A book page bent to a half cylinder on a table; ``across * along`` vertices.
 
     Page: 0.15 along the arc (radius 0.15 / pi), 0.2 along the axis.  Table: the plane y = 0; the
-    two long edges stand on it.
+    two long edges stand on it.  Coarse strips that are longer along the axis than the arc steps are
+    wide (``along`` well below ``across``) make the page unstable.
     """
     arc, depth = 0.15, 0.2
     radius = arc / math.pi
