@@ -81,7 +81,7 @@ def bending_map(values: FloatArray) -> ColourMap:
 
 def friction_map(values: FloatArray) -> ColourMap:
     """Share of the available friction in use; 1 is the edge of Coulomb's cone."""
-    return ColourMap(_FRICTION, 0.0, 1.0, bool(np.any(values > 1.0)))
+    return ColourMap(_FRICTION, 0.0, 1.0, bool(np.any(values > 1.0 + 1e-6)))
 
 
 def _limit(values: FloatArray, least: float) -> tuple[float, bool]:

@@ -15,9 +15,10 @@ from casashell.typing import FloatArray, IntArray
 # The longest arrow, as a share of the shell's bounding box diagonal, and its shaft.
 _LONGEST: Final = 0.12
 _WIDTH: Final = 0.0045
-_SIDES: Final = 10
 # A force below this share of the largest one has no direction worth a colour.
-_NOTHING: Final = 1e-9
+_NOTHING: Final = 1e-6
+#: Share of the available friction above which a contact is shown as slipping: 1 and rounding.
+BEYOND: Final = 1.0 + 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +44,21 @@ class ForceArrows:
         return f"contact forces, longest {engineering(self.longest, 'N')}"
 
 
-def force_arrows(result: Result) -> ForceArrows:
-    """Arrows of the contact forces at the target's vertices."""
-    forces, contacts = result.contact_forces, result.contacts
+def force_arrows(result: Result, chosen: IntArray | None = None, sides: int = 10) -> ForceArrows:
+    """Arrows of the contact forces (those ``chosen``, all by default) at the target's vertices."""
+    picked = np.arange(len(result.contacts)) if chosen is None else chosen
+    contacts = result.contacts
+    forces = result.contact_forces[picked]
     size = np.linalg.norm(forces, axis=1)
     longest = float(size.max(initial=0.0))
     scale = _LONGEST * result.target.bbox_diagonal / longest if longest > 0 else 0.0
-    tails = result.target.vertices[contacts.vertices]
-    surface = arrows(tails, scale * forces, _WIDTH * result.target.bbox_diagonal, _SIDES)
+    tails = result.target.vertices[contacts.vertices[picked]]
+    # On a fine mesh with many contacts thick arrows would hide one another.
+    width = min(_WIDTH * result.target.bbox_diagonal, 0.2 * result.target.mean_edge_length)
+    surface = arrows(tails, scale * forces, width, sides)
     per_arrow = len(surface.vertices) // max(len(forces), 1)
     owner = np.repeat(np.arange(len(forces), dtype=np.int64), per_arrow)
-    use = friction_use(forces, contacts.normals, contacts.friction)
+    use = friction_use(forces, contacts.normals[picked], contacts.friction[picked])
     return ForceArrows(surface, owner, use, longest)
 
 

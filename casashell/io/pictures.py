@@ -24,7 +24,7 @@ from casashell.io.colours import (
     friction_map,
     stretch_map,
 )
-from casashell.io.forces import ForceArrows, force_arrows
+from casashell.io.forces import BEYOND, ForceArrows, force_arrows
 from casashell.io.sheet import ColourBar, Panel, write_panel, write_sheet
 from casashell.io.strain import strain
 from casashell.io.studio import Curves, Dots, Layer, PicturesUnavailable, Studio
@@ -125,19 +125,19 @@ def _compare(studio: Studio, scene: _Scene) -> Panel:
         Curves(_rims(natural), "#8a5a14"),
     ]
     picture = studio.shoot(layers, scene.camera, scene.size)
-    return Panel("compare", "natural shape in the target", picture)
+    return Panel("compare", "natural shape (orange), target (blue)", picture)
 
 
 def _forces(studio: Studio, scene: _Scene) -> Panel:
     drawn = scene.arrows
     colours = friction_map(drawn.use)
     per_contact = colours.rgb(np.minimum(drawn.use, 1.0))
-    per_contact[drawn.use > 1.0] = _hex(TOO_MUCH)
+    per_contact[drawn.use > BEYOND] = _hex(TOO_MUCH)
     contacts = scene.result.target.vertices[scene.result.contacts.vertices]
     layers: list[Layer | Dots | Curves] = [
         *scene.obstacles,
         Layer(scene.result.target, "#e4eaf1", "#cfd8e3", edges=True),
-        Layer(drawn.surface, per_contact[drawn.owner]),
+        Layer(drawn.surface, per_contact[drawn.owner], bright=True),
         Dots(contacts, "#23272e", 4.0),
         scene.pins,
     ]

@@ -40,6 +40,7 @@ class Layer:
     inside    colour of the back faces, the same as in front when empty
     edges     draw the mesh edges where they are legible
     behind    give way where another layer touches this one
+    bright    more colour and less shade, for small things
     """
 
     surface: Surface | TriMesh
@@ -48,6 +49,7 @@ class Layer:
     opacity: float = 1.0
     edges: bool = False
     behind: bool = False
+    bright: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +130,7 @@ class Studio:
         surface = _polydata(layer.surface)
         edge = float(np.sqrt(4.0 * surface.area / np.sqrt(3.0) / max(surface.n_cells, 1)))
         plain = isinstance(layer.colour, str)
+        ambient = 0.6 if layer.bright else 0.2 if plain else 0.42
         if not plain:
             surface.point_data["rgb"] = layer.colour
         actor = self._plotter.add_mesh(
@@ -143,8 +146,8 @@ class Studio:
             edge_color="#20262d",
             edge_opacity=0.22,
             line_width=1.0,
-            ambient=0.18 if plain else 0.42,
-            diffuse=0.88 if plain else 0.62,
+            ambient=ambient,
+            diffuse=1.05 - ambient,
             specular=0.04,
             backface_params={"color": layer.inside} if layer.inside and plain else None,
             show_scalar_bar=False,
