@@ -17,6 +17,8 @@ from casashell.io.labels import STATUS_WORDS, degrees, engineering, percent
 from casashell.result import Result, Step
 
 _LABEL: Final = 12
+#: Penetration, relative to the shell's size, that is not worth a word.
+_ROUNDING: Final = 1e-9
 
 
 class Reporter:
@@ -173,7 +175,7 @@ def _contacts(summary: ContactSummary, friction: float, scene: Scene) -> str:
         f"{_count(summary.count, 'vertex', 'vertices')} within {tolerance} of {summary.label}, "
         f"friction {friction:g}"
     )
-    if summary.penetrating:
+    if summary.deepest > _ROUNDING * scene.target.bbox_diagonal:
         depth = engineering(summary.deepest, "m")
         text += f"; {summary.penetrating} inside, deepest {depth} (vertex {summary.deepest_vertex})"
     return text

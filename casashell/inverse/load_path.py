@@ -22,7 +22,7 @@ from casashell.typing import FloatArray, IntArray
 Report = Callable[[Step], None]
 
 #: Residual / f0 that ends a Newton solve at full load, and one that is good enough on the way.
-TIGHT, LOOSE = 1e-11, 1e-3
+TIGHT, LOOSE = 1e-9, 1e-3
 #: Residual / f0 at which a Newton solve that cannot be lowered any more has met rounding.
 ROUNDING = 1e-4
 MAX_NEWTON, MIN_LOAD_STEP = 25, 1.0 / 64.0

@@ -90,7 +90,7 @@ def _sections(result: Result, remarks: Sequence[str]) -> Iterable[str]:
     h = engineering(result.certificate.h, "m")
     yield _section(
         "Certificate",
-        _checks(certificate_lines(result), ("What", "Value", "Wanted", ""))
+        _checks(certificate_lines(result), ("What", "Value", "Wanted", ""), proof=True)
         + f'<p class="hint">f0 = {escape(f0)}, mean weight of a vertex; h = {escape(h)}, mean edge '
         f"length. Computed from the two shapes by code that shares nothing with the solver "
         f"({escape(result.certificate.evaluator)}).</p>",
@@ -171,16 +171,20 @@ def _section(title: str, body: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{body}</section>"
 
 
-def _checks(lines: Sequence[Line], head: Sequence[str]) -> str:
-    """Table of lines; the columns for what is wanted only where something is."""
+def _checks(lines: Sequence[Line], head: Sequence[str], *, proof: bool = False) -> str:
+    """Table of lines, the columns for what is wanted only where something is.
+
+    What a proof asks for fails when it is not so; anything else is pointed out.
+    """
     asked = any(line.wanted for line in lines)
+    bad = ("fail", "✗ fail") if proof else ("warn", "! look")
     rows = []
     for line in lines:
         words = f"<small>{escape(line.words)}</small>" if line.words else ""
         exact = f' title="{escape(line.exact)}"' if line.exact else ""
         cells = f'<td>{escape(line.name)}{words}</td><td class="n"{exact}>{escape(line.value)}</td>'
         if asked:
-            mark = {True: ("pass", "✓ pass"), False: ("fail", "✗ fail"), None: ("open", "–")}
+            mark = {True: ("pass", "✓ pass" if proof else "✓"), False: bad, None: ("open", "–")}
             kind, sign = mark[line.passed]
             if not line.wanted:
                 sign = ""
@@ -188,7 +192,7 @@ def _checks(lines: Sequence[Line], head: Sequence[str]) -> str:
         rows.append(f"<tr>{cells}</tr>")
     heading = "".join(f"<th>{escape(words)}</th>" for words in head)
     above = f"<thead><tr>{heading}</tr></thead>" if heading else ""
-    return f'<div class="scroll"><table>{above}<tbody>{"".join(rows)}</tbody></table></div>'
+    return f'<div class="scroll"><table class="checks">{above}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

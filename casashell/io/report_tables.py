@@ -39,8 +39,8 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
     """The proof, one line for each number of the certificate."""
     c = result.certificate
     stiff = None if c.min_eigenvalue_scaled is None else c.min_eigenvalue_scaled > NEUTRAL
-    neutral = f"; {c.neutral_modes} neutral motions" if c.neutral_modes > 1 else ""
-    neutral = "; 1 neutral motion" if c.neutral_modes == 1 else neutral
+    motions = "1 neutral motion" if c.neutral_modes == 1 else f"{c.neutral_modes} neutral motions"
+    neutral = f"; {motions} found" if c.neutral_modes else ""
     eigenvalue = c.min_eigenvalue
     return (
         _number(
@@ -48,7 +48,7 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
             "largest component of force left unbalanced at a vertex that is not pinned, "
             "contact forces included, / f0",
             c.free_force,
-            f"≤ {FREE_FORCE:g}",
+            f"≤ {_short(FREE_FORCE)}",
             None if c.free_force is None else c.free_force <= FREE_FORCE,
         ),
         _number(
@@ -72,17 +72,17 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
         Line(
             "lowest stiffness",
             "smallest eigenvalue of the second derivative of the energy over the vertices that are "
-            "free to move",
-            "not computed" if eigenvalue is None else engineering(eigenvalue, "N/m") + neutral,
+            f"free to move{neutral}",
+            "not computed" if eigenvalue is None else engineering(eigenvalue, "N/m"),
             "" if eigenvalue is None else f"{eigenvalue!r} N/m",
             "> 0",
             stiff,
         ),
         _number(
             "lowest stiffness, scaled",
-            f"the same times h / f0; up to {NEUTRAL:g} it counts as a neutral motion",
+            f"the same times h / f0; up to {_short(NEUTRAL)} it counts as a neutral motion",
             c.min_eigenvalue_scaled,
-            f"> {NEUTRAL:g}",
+            f"> {_short(NEUTRAL)}",
             stiff,
         ),
         _number(
@@ -90,7 +90,7 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
             "largest coordinate difference of pose and target, / diagonal of the target's "
             "bounding box",
             c.target_distance,
-            f"≤ {NEARBY:g}",
+            f"≤ {_short(NEARBY)}",
             None if c.target_distance is None else c.target_distance <= NEARBY,
         ),
     )
@@ -224,8 +224,13 @@ def _number(
     return Line(name, words, engineering(value), repr(float(value)), wanted, passed)
 
 
+def _short(limit: float) -> str:
+    """A power of ten as 1e-6, not 1e-06."""
+    return f"{limit:.0e}".replace("e-0", "e\N{MINUS SIGN}")
+
+
 def _count(name: str, words: str, number: int) -> Line:
-    return Line(name, words, str(number), wanted="0 is best", passed=number == 0)
+    return Line(name, words, str(number), wanted="0", passed=number == 0)
 
 
 def _weight(result: Result) -> float | None:

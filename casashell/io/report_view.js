@@ -15,9 +15,15 @@
     for (let n = 0; n < made.length; n++) made[n] = flat[n * width + which];
     return made;
   }
+  // Plotly's turntable only knows z as up: the axes are shifted round until the scene's up is z,
+  // and labelled with their own names.  A slanted up is left alone and orbits.
+  const upright = data.up.findIndex((value) => value > 0.999);
+  const order = upright < 0 ? [0, 1, 2] : [(upright + 1) % 3, (upright + 2) % 3, upright];
+  const shift = (triple) => order.map((axis) => triple[axis]);
   function corners(packed) {
     const flat = unpack(packed);
-    return { x: column(flat, 3, 0), y: column(flat, 3, 1), z: column(flat, 3, 2) };
+    const [x, y, z] = order.map((axis) => column(flat, 3, axis));
+    return { x: x, y: y, z: z };
   }
   function triangles(packed) {
     const flat = unpack(packed);
@@ -34,7 +40,11 @@
     return show(1e9 * value) + " nN";
   }
 
+  const toEye = shift(data.eye);
+  const up = shift(data.up);
+  const lamp = toEye.map((value, n) => 1e5 * (value + 0.8 * up[n]));
   const light = {
+    lightposition: { x: lamp[0], y: lamp[1], z: lamp[2] },
     lighting: { ambient: 0.6, diffuse: 0.55, specular: 0.04, roughness: 0.9, fresnel: 0 },
     flatshading: false,
   };
@@ -45,7 +55,8 @@
     roles.push(role);
   }
   function bar(title) {
-    return { title: { text: title, side: "right" }, thickness: 14, len: 0.8, x: 1.0, outlinewidth: 0 };
+    return { title: { text: title, side: "right" }, thickness: 14, len: 0.8, x: 0.995, xanchor: "right",
+      outlinewidth: 0 };
   }
 
   const ids = unpack(data.shell.ids);
@@ -77,6 +88,26 @@
   mapped("stretch", stretch, data.maps.stretch, "stretch [%]");
   mapped("bend", bend, data.maps.bend, "bending [°]");
 
+  // Lines on a surface vanish in it: edges are drawn twice, just off either side.
+  function lifted(points, height) {
+    const normal = { x: new Float32Array(ids.length), y: new Float32Array(ids.length), z: new Float32Array(ids.length) };
+    for (let n = 0; n < faces.i.length; n++) {
+      const [a, b, c] = [faces.i[n], faces.j[n], faces.k[n]];
+      const u = { x: points.x[b] - points.x[a], y: points.y[b] - points.y[a], z: points.z[b] - points.z[a] };
+      const v = { x: points.x[c] - points.x[a], y: points.y[c] - points.y[a], z: points.z[c] - points.z[a] };
+      for (const at of [a, b, c]) {
+        normal.x[at] += u.y * v.z - u.z * v.y;
+        normal.y[at] += u.z * v.x - u.x * v.z;
+        normal.z[at] += u.x * v.y - u.y * v.x;
+      }
+    }
+    const made = { x: points.x.slice(), y: points.y.slice(), z: points.z.slice() };
+    for (let n = 0; n < ids.length; n++) {
+      const size = Math.hypot(normal.x[n], normal.y[n], normal.z[n]) || 1;
+      for (const axis of ["x", "y", "z"]) made[axis][n] += height * normal[axis][n] / size;
+    }
+    return made;
+  }
   function wires(role, points, pairs) {
     // Segments apart by a gap: NaN ends a line.
     const made = { x: [], y: [], z: [] };
@@ -90,12 +121,15 @@
       made[axis] = line;
     }
     add(role, Object.assign({ type: "scatter3d", mode: "lines", hoverinfo: "skip", connectgaps: false,
-      line: { color: "rgba(30,36,44,0.45)", width: 1 } }, made));
+      line: { color: "rgba(30,36,44,0.35)", width: 1.5 } }, made));
   }
   if (data.edges) {
     const pairs = unpack(data.edges);
-    wires("edges-target", target, pairs);
-    wires("edges-natural", natural, pairs);
+    const lift = 0.0012 * Math.hypot.apply(null, data.box.map((range) => range[1] - range[0]));
+    for (const side of [lift, -lift]) {
+      wires("edges-target", lifted(target, side), pairs);
+      wires("edges-natural", lifted(natural, side), pairs);
+    }
   }
   for (const rim of data.rims) {
     add("outline", Object.assign({ type: "scatter3d", mode: "lines", hoverinfo: "skip",
@@ -167,20 +201,22 @@
   }
 
   const axes = ["x", "y", "z"];
-  const spans = data.box.map((range) => range[1] - range[0]);
+  const ranges = shift(data.box);
+  const names = shift(axes);
+  const spans = ranges.map((range) => range[1] - range[0]);
   const longest = Math.max.apply(null, spans);
   const scene = {
     aspectmode: "manual", aspectratio: {},
     camera: {
-      up: { x: data.up[0], y: data.up[1], z: data.up[2] },
-      eye: { x: 1.75 * data.eye[0], y: 1.75 * data.eye[1], z: 1.75 * data.eye[2] },
+      up: { x: up[0], y: up[1], z: up[2] },
+      eye: { x: 1.75 * toEye[0], y: 1.75 * toEye[1], z: 1.75 * toEye[2] },
     },
-    dragmode: data.up.includes(1) ? "turntable" : "orbit",
+    dragmode: upright >= 0 ? "turntable" : "orbit",
   };
   axes.forEach((axis, n) => {
     scene.aspectratio[axis] = 1.15 * spans[n] / longest;
     scene[axis + "axis"] = {
-      range: data.box[n], title: { text: axis + " [m]", font: { size: 11 } }, nticks: 5,
+      range: ranges[n], title: { text: names[n] + " [m]", font: { size: 11 } }, nticks: 5,
       tickfont: { size: 10, color: "#6b7280" }, gridcolor: "#e3e6ea", zeroline: false,
       showspikes: false, backgroundcolor: "rgba(0,0,0,0)",
     };
@@ -197,7 +233,7 @@
   const legend = document.getElementById("view-legend");
   const legends = {
     target: "The designed shape. Grey: what it lies on.",
-    forces: arrows.legend + ". Colour: share of the available friction in use; red: beyond it.",
+    forces: arrows.legend.charAt(0).toUpperCase() + arrows.legend.slice(1) + ". Colour: share of the available friction in use; red: beyond it.",
     natural: "The shape to cut and sew. Dark blue: rims of the target.",
     stretch: "Edge lengths, natural against target. Blue: shorter, red: longer.",
     bend: "Dihedral angles, natural against target. White: unchanged.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -87,7 +88,7 @@ def test_newton_converges_quadratically() -> None:
     at_full = [step.residual for step in steps if step.load == 1.0]
     small = [e for e in at_full if e < 0.3]
     assert len(small) >= 3
-    for before, after in zip(small, small[1:], strict=False):
+    for before, after in pairwise(small):
         assert after <= max(before**2, TIGHT)
     assert path.iterations == len(steps)
     assert path.factorizations <= path.iterations
