@@ -1,50 +1,49 @@
-"""Pictures and report of a saved result; whatever prevents them is a remark, not a failure."""
+"""Report and pictures of a saved result; whatever prevents them is a remark, not a failure."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from casashell.io.results import REPORT_FILE
 from casashell.result import Result
 
 
-def add_artwork(
-    result: Result, folder: Path, up: Sequence[float]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Pictures and report.html in ``folder``; names of the files, and what could not be made.
-
-    Files are drawn in a hidden folder first, so none appears half written.
-    """
-    drawing = folder / f".casashell-{os.urandom(6).hex()}"
-    drawing.mkdir()
-    try:
-        remarks = (*_pictures(result, drawing, up), *_report(result, drawing, up))
-        names = sorted(item.name for item in drawing.iterdir() if item.is_file())
-        for name in names:
-            (drawing / name).replace(folder / name)
-    finally:
-        shutil.rmtree(drawing, ignore_errors=True)
-    return tuple(names), remarks
-
-
-def _pictures(result: Result, folder: Path, up: Sequence[float]) -> tuple[str, ...]:
-    from casashell.io.pictures import PicturesUnavailable, write_pictures
-
-    try:
-        write_pictures(result, folder, up=up)
-    except (PicturesUnavailable, ValueError, RuntimeError) as problem:
-        return (f"no pictures: {problem}",)
-    return ()
-
-
-def _report(result: Result, folder: Path, up: Sequence[float]) -> tuple[str, ...]:
+def add_report(result: Result, folder: Path, title: str, up: Sequence[float]) -> tuple[str, ...]:
+    """Write report.html into ``folder``; the names of the files."""
     from casashell.io.report import write_report
 
+    with _drawn_aside(folder) as aside:
+        write_report(result, aside / REPORT_FILE, title=title, up=up)
+    return (REPORT_FILE,)
+
+
+def add_pictures(
+    result: Result, folder: Path, up: Sequence[float]
+) -> tuple[tuple[str, ...], str | None]:
+    """Write the pictures into ``folder``; the names of the files, and why there are none."""
+    from casashell.io.pictures import write_pictures
+
     try:
-        write_report(result, folder / REPORT_FILE)
-    except (ImportError, ValueError) as problem:
-        return (f"no report: {problem}",)
-    return ()
+        with _drawn_aside(folder) as aside:
+            paths = write_pictures(result, aside, up=up)
+    # graphics fail in as many ways as there are drivers; the result is worth more than its picture
+    except Exception as problem:
+        return (), f"no pictures: {problem}"
+    return tuple(sorted(path.name for path in paths)), None
+
+
+@contextmanager
+def _drawn_aside(folder: Path) -> Iterator[Path]:
+    """A hidden folder whose files are moved to ``folder`` when complete."""
+    aside = folder / f".casashell-{os.urandom(6).hex()}"
+    aside.mkdir()
+    try:
+        yield aside
+        for item in aside.iterdir():
+            item.replace(folder / item.name)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)

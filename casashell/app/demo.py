@@ -8,7 +8,7 @@ from typing import Final
 from casashell.app.builtin import BUILTIN
 from casashell.app.display import Reporter
 from casashell.app.failures import CommandError
-from casashell.app.invert import OutputOptions, solve_scene, store
+from casashell.app.invert import Clock, OutputOptions, solve_scene, store
 from casashell.contact.detect import describe
 from casashell.io.staging import check_folder
 
@@ -34,11 +34,13 @@ def run_demo(out: Path, *, force: bool, pictures: bool, quiet: bool) -> int:
     output = OutputOptions(force=force, pictures=pictures, quiet=quiet)
     codes = []
     for name in SCENES:
+        clock = Clock()
         scene = BUILTIN[name]()
         reporter.line(f"--- {name} ---")
         reporter.scene(scene, describe(scene.problem.contacts, scene.obstacles))
         result = solve_scene(scene, reporter)
-        store(scene, result, out / name, output, reporter)
+        clock.lap("solve")
+        store(scene, result, out / name, output, reporter, clock)
         reporter.line()
         codes.append(result.status.exit_code)
     if not any(codes):

@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from casashell.app.artwork import add_artwork
+from casashell.app.artwork import add_pictures, add_report
 from casashell.app.display import Reporter
 from casashell.app.failures import CommandError, reading_input, writing_files
 from casashell.app.options import SceneOptions
@@ -31,13 +31,14 @@ class OutputOptions:
 
 
 @dataclass
-class _Clock:
+class Clock:
     """Seconds by what they were spent on."""
 
     timings: dict[str, float] = field(default_factory=dict)
     last: float = field(default_factory=time.perf_counter)
 
     def lap(self, name: str) -> None:
+        """Book the time since the last lap."""
         now = time.perf_counter()
         self.timings[name] = now - self.last
         self.last = now
@@ -45,7 +46,7 @@ class _Clock:
 
 def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) -> int:
     """The whole command; the exit code.  Raises CommandError for what the user can mend."""
-    clock = _Clock()
+    clock = Clock()
     folder = output.out or Path(f"{options.shell.stem}-natural")
     _check_out(folder, output.force)
     with reading_input():
@@ -60,11 +61,9 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
     clock.lap("read")
     result = solve_scene(scene, reporter)
     clock.lap("solve")
-    if output.as_json:
-        reporter_text = json.dumps(record_of(result, scene.unit), indent=1, allow_nan=False)
     store(scene, result, folder, output, reporter, clock)
     if output.as_json:
-        print(reporter_text)
+        print(json.dumps(record_of(result, scene.unit), indent=1, allow_nan=False))
     return result.status.exit_code
 
 
@@ -81,24 +80,25 @@ def store(
     folder: Path,
     output: OutputOptions,
     reporter: Reporter,
-    clock: _Clock | None = None,
+    clock: Clock,
 ) -> None:
     """Save the result, then say how it went, then draw: a fault in drawing loses nothing."""
-    clock = clock or _Clock()
     with writing_files():
         names = save_result(
             result, folder, unit=scene.unit, overwrite=output.force, vertex_map=scene.vertex_map
         )
     clock.lap("save")
     reporter.verdict(result)
-    remarks: tuple[str, ...] = ()
+    with writing_files():
+        names += add_report(result, folder, scene.name, scene.up_vector)
+    clock.lap("report")
+    remark = None
     if output.pictures:
-        with writing_files():
-            drawn, remarks = add_artwork(result, folder, scene.up_vector)
+        drawn, remark = add_pictures(result, folder, scene.up_vector)
         names += drawn
-        clock.lap("draw")
+        clock.lap("pictures")
     reporter.files(folder, names, clock.timings)
-    for remark in remarks:
+    if remark:
         reporter.line(remark)
 
 

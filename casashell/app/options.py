@@ -208,7 +208,11 @@ Force: TypeAlias = Annotated[
 ]
 NoPictures: TypeAlias = Annotated[
     bool,
-    typer.Option("--no-pictures", rich_help_panel=_OUTPUT, help="No pictures, no report."),
+    typer.Option(
+        "--no-pictures",
+        rich_help_panel=_OUTPUT,
+        help="No picture files; report.html has a 3-D view all the same.",
+    ),
 ]
 Quiet: TypeAlias = Annotated[
     bool, typer.Option("--quiet", "-q", rich_help_panel=_OUTPUT, help="Print errors only.")

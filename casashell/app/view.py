@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from casashell.app.artwork import add_artwork
+from casashell.app.artwork import add_report
 from casashell.app.failures import CommandError, reading_input, writing_files
 from casashell.io.results import REPORT_FILE, load_result
 
@@ -25,9 +25,7 @@ def run_view(folder: Path, *, print_only: bool) -> int:
         gravity = result.material.get("gravity")
         up = (0.0, 1.0, 0.0) if gravity is None or not gravity.any() else tuple(-gravity)
         with writing_files():
-            _, remarks = add_artwork(result, folder, up)
-        if not report.is_file():
-            raise CommandError("; ".join(remarks), code=1)
+            add_report(result, folder, folder.resolve().name, up)
     if print_only or _headless() or not _opened(report):
         print(report)
     return 0

@@ -40,7 +40,7 @@ def solved(page_file: Path, options: list[str]) -> Path:
 
 def test_files_of_a_solved_scene(solved: Path) -> None:
     expected = {"natural.obj", "pose.obj", "target.obj", "result.json", "result.npz", "scene.toml"}
-    assert {item.name for item in solved.iterdir() if item.suffix != ".html"} == expected
+    assert {item.name for item in solved.iterdir()} == expected | {"report.html"}
     assert not list(solved.parent.glob(".casashell-*"))
 
 
@@ -366,10 +366,15 @@ def test_view_without_a_result_is_exit_code_2(tmp_path: Path) -> None:
     assert run("view", tmp_path).exit_code == 2
 
 
-def test_view_prints_where_the_report_is(solved: Path) -> None:
-    (solved / "report.html").write_text("<html></html>")
+def test_view_prints_where_the_report_is_and_makes_a_missing_one(solved: Path) -> None:
+    report = solved / "report.html"
+    report.unlink()
     outcome = run("view", solved, "--print")
-    assert (outcome.exit_code, outcome.stdout.strip()) == (0, str(solved / "report.html"))
+    assert (outcome.exit_code, outcome.stdout.strip()) == (0, str(report))
+    assert "SOLVED" in report.read_text(encoding="utf-8")
+    report.write_text("as it was")
+    assert run("view", solved, "--print").exit_code == 0
+    assert report.read_text() == "as it was"
 
 
 def test_demo_solves_its_scenes(tmp_path: Path) -> None:
