@@ -46,7 +46,7 @@ class PlainShell:
         total = 0.0
         for i, j in self.mesh.edges:
             rest = float(np.linalg.norm(r[j] - r[i]))
-            total += self.stretch / 2 * (np.linalg.norm(x[j] - x[i]) - rest) ** 2 / rest
+            total += self.stretch / 2 * (float(np.linalg.norm(x[j] - x[i])) - rest) ** 2 / rest
         for row in self.mesh.hinges:
             i, j, k, el = (int(v) for v in row)
             edge = r[j] - r[i]

@@ -55,7 +55,7 @@ def _pairs(case_: Case, name: str, d: FloatArray, step: float) -> tuple[FloatArr
 
     def pull(x: FloatArray, r: FloatArray) -> FloatArray:
         """d(w.g)/dr, the mixed block applied to the multipliers from the left."""
-        return np.einsum("si,sij->sj", multiplier, _last(case_, "mixed", x, r, size))
+        return np.asarray(np.einsum("si,sij->sj", multiplier, _last(case_, "mixed", x, r, size)))
 
     moves_r = name in ("mixed", "lagrangian")
     of = {

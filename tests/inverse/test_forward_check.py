@@ -14,10 +14,10 @@ from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Result
 from casashell.solve import solve
-from casashell.typing import FloatArray
+from casashell.typing import IntArray
 
 
-def _released(result: Result, shell: PlainShell, held: FloatArray, push: float) -> float:
+def _released(result: Result, shell: PlainShell, held: IntArray, push: float) -> float:
     """Largest distance from the target after settling from a random push, in edge lengths."""
     target = result.target
     free = np.ones(len(target.vertices), dtype=bool)
