@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import SILENT, run
 
 from casashell.app.builtin import page
 from casashell.io.meshes import write_mesh
@@ -41,3 +42,11 @@ def options() -> list[str]:
         *("--plane", "0,0,1,0", "--unit", "cm", "--up", "z", "--tolerance", "0.001"),
         *("--density", "10", "--stretch", "5", "--bend", "2e-3", "--friction", "0.4"),
     ]
+
+
+@pytest.fixture
+def solved(page_file: Path, options: list[str]) -> Path:
+    """Folder of a solved page."""
+    outcome = run("invert", page_file, *options, "--out", "out", SILENT)
+    assert outcome.exit_code == 0, outcome.output
+    return page_file.parent / "out"
