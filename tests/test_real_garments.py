@@ -29,7 +29,7 @@ RUNS = {
     "dress_avatar": (0.1, 0.048, 171),
     "knit_cap_avatar": (0.1, 0.091, 29),
 }
-FAST = ("skirt_8panel_smpl", "skirt_4panel_smpl", "hat_on_sphere")
+FAST = ("skirt_8panel_smpl", "skirt_4panel_smpl", "top_avatar", "hat_on_sphere")
 
 
 def _problem(

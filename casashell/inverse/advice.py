@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from casashell.inverse.certificate import NEUTRAL
 from casashell.inverse.direct import Outcome
 from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
 from casashell.inverse.piece import Piece
+from casashell.inverse.stability import NEUTRAL
 from casashell.problem import Problem
 from casashell.result import Certificate
 from casashell.status import Status
@@ -114,7 +114,7 @@ def _unsupported(piece: Piece, *, proved: bool) -> str:
 
 def _unfinished(status: Status, piece: Piece, outcome: Outcome) -> str:
     if status is Status.UNSTABLE:
-        if abs(outcome.eigenvalue) * piece.h / piece.f0 <= NEUTRAL:
+        if abs(outcome.eigenvalue) <= NEUTRAL:
             return (
                 "The equilibrium is neutral, not stable: the shell can move as a rigid body without "
                 "resistance. Pin vertices or let more vertices touch (tolerance)."

@@ -16,13 +16,12 @@ import scipy.sparse as sp
 from casashell.contact.detect import Contacts
 from casashell.engine.energy import Energy
 from casashell.engine.sparse_solver import make_solver
+from casashell.inverse.stability import NEUTRAL
 from casashell.result import Certificate
 from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
 #: A contact with less normal force than this share of f0 does not hold its vertex.
 ACTIVE = 1e-6
-#: Scaled eigenvalue below which a motion counts as neutral: f0 would move it by 1e7 edges.
-NEUTRAL = 1e-7
 #: Cone margin / f0 that counts as zero.
 ROUNDING = 1e-12
 #: SciPy's SuperLU takes over-long above this many degrees of freedom; MUMPS serves there.

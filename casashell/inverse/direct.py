@@ -10,7 +10,7 @@ Masses move with the natural shape, so the forces of a rung are rebalanced once 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from casashell.inverse.forces import (
 )
 from casashell.inverse.load_path import LoadPath, PathPoint, Report
 from casashell.inverse.piece import Piece
-from casashell.inverse.stability import lowest_modes
+from casashell.inverse.stability import NEUTRAL, lowest_modes
 from casashell.inverse.stress import StressProgram
 from casashell.result import Step
 from casashell.typing import BoolArray, FloatArray
@@ -45,8 +45,11 @@ class Outcome:
     rest             (n,3) m
     contact_forces   (C,3) N, on the shell
     load             share of the load reached, 1 for an equilibrium
-    missing          resultant that nothing carries, / f0
-    eigenvalue       lowest eigenvalue of the free Hessian as the solver sees it [N/m]
+    residual         what Newton left of its equations, / f0
+    missing          largest force on a vertex that nothing holds, / f0
+    cone_margin      least of mu f_N - |f_T| and f_N over the contacts, / f0
+    eigenvalue       lowest eigenvalue of the free Hessian as the solver sees it, times h / f0
+    rung             which forces: a rung of the ladder, or "start" before any
     obstruction      rigid motion that proves infeasibility, or None
     """
 
@@ -59,7 +62,6 @@ class Outcome:
     eigenvalue: float
     rung: str
     obstruction: FloatArray | None = None
-    largest_strain: dict[str, float] = field(default_factory=dict)
 
     @property
     def balanced(self) -> bool:
@@ -69,7 +71,9 @@ class Outcome:
     @property
     def good(self) -> bool:
         """A stable equilibrium with every contact force strictly inside its cone."""
-        return self.balanced and self.cone_margin >= -ROUNDING_OF_CONES and self.eigenvalue > 0.0
+        return (
+            self.balanced and self.cone_margin >= -ROUNDING_OF_CONES and self.eigenvalue > NEUTRAL
+        )
 
     @property
     def rank(self) -> tuple[bool, float, float, float]:
@@ -86,6 +90,7 @@ class DirectSolver:
         self.report = report
         self.path = LoadPath(piece, report)
         self.best = self._start()
+        self.last = self.best
         self.notes: list[str] = []
 
     def _start(self) -> Outcome:
@@ -196,20 +201,19 @@ class DirectSolver:
             inside = min(
                 float(margin(felt, contacts.normals, contacts.friction).min()), float(normal.min())
             )
-        eigenvalue = -np.inf
         outcome = Outcome(
-            point.rest,
-            felt,
-            point.load,
-            point.residual,
-            missing,
-            inside / piece.f0,
-            eigenvalue,
-            name,
+            rest=point.rest,
+            contact_forces=felt,
+            load=point.load,
+            residual=point.residual,
+            missing=missing,
+            cone_margin=inside / piece.f0,
+            eigenvalue=-np.inf,
+            rung=name,
         )
         if outcome.balanced:
             values, _ = lowest_modes(piece, point.rest, self._active(outcome), 1)
-            outcome = replace(outcome, eigenvalue=float(values[0]))
+            outcome = replace(outcome, eigenvalue=float(values[0]) * piece.h / piece.f0)
         return outcome
 
 

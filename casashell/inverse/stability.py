@@ -9,6 +9,9 @@ from casashell.engine.sparse_solver import SingularMatrix, make_solver
 from casashell.inverse.piece import Piece
 from casashell.typing import BoolArray, FloatArray, IntArray
 
+#: Eigenvalue times h / f0 below which a motion counts as neutral: f0 would move it by 1e7 edges.
+NEUTRAL = 1e-7
+
 
 def free_dofs(piece: Piece, active: BoolArray) -> IntArray:
     """Degrees of freedom left by pins and by the contacts that push (``active`` (C,))."""

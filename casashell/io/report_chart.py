@@ -56,7 +56,7 @@ def history_chart(history: Sequence[Step]) -> str:
         f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
         f'aria-label="residual of every step">{"".join(parts)}</svg>'
     )
-    return svg + _legend(stages)
+    return f'<div class="chart">{svg}</div>' + _legend(stages)
 
 
 def _axes(low: int, high: int, last: int, bottom: float) -> list[str]:

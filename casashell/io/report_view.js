@@ -42,9 +42,8 @@
 
   const toEye = shift(data.eye);
   const up = shift(data.up);
-  const lamp = toEye.map((value, n) => 1e5 * (value + 0.8 * up[n]));
   const light = {
-    lightposition: { x: lamp[0], y: lamp[1], z: lamp[2] },
+    lightposition: { x: 0, y: 0, z: 1e5 },
     lighting: { ambient: 0.6, diffuse: 0.55, specular: 0.04, roughness: 0.9, fresnel: 0 },
     flatshading: false,
   };
@@ -191,6 +190,8 @@
     bend: ["bend", "edges-natural", "outline", "obstacle"],
   };
   const state = { view: "target", obstacle: true, edges: true, outline: true };
+  const asked = window.location.hash.slice(1);
+  if (views[asked]) state.view = asked;
   function visible() {
     const natural = state.view !== "target" && state.view !== "forces";
     const option = {
@@ -262,8 +263,6 @@
   });
   document.querySelector("[data-option=edges]").parentElement.hidden = !data.edges;
   document.querySelector("[data-option=obstacle]").parentElement.hidden = !data.obstacles.length;
-  const asked = window.location.hash.slice(1);
-  if (views[asked]) state.view = asked;
   host.textContent = "";
   Plotly.newPlot(host, traces, layout, config).then(refresh);
 })();
