@@ -54,7 +54,7 @@
     roles.push(role);
   }
   function bar(title) {
-    return { title: { text: title, side: "right" }, thickness: 14, len: 0.8, x: 0.995, xanchor: "right",
+    return { title: { text: title, side: "top" }, thickness: 14, len: 0.8, x: 0.995, xanchor: "right",
       outlinewidth: 0 };
   }
 
