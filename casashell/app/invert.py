@@ -85,7 +85,12 @@ def store(
     """Save the result, then say how it went, then draw: a fault in drawing loses nothing."""
     with writing_files():
         names = save_result(
-            result, folder, unit=scene.unit, overwrite=output.force, vertex_map=scene.vertex_map
+            result,
+            folder,
+            unit=scene.unit,
+            name=scene.name,
+            overwrite=output.force,
+            vertex_map=scene.vertex_map,
         )
     clock.lap("save")
     reporter.verdict(result)

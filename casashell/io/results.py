@@ -53,12 +53,14 @@ def save_result(
     folder: str | Path,
     *,
     unit: float = 1.0,
+    name: str = "",
     overwrite: bool = False,
     vertex_map: IntArray | None = None,
 ) -> tuple[str, ...]:
     """Write the files of a result; the folder appears complete or not at all.
 
     unit        metres per unit of the mesh files and of scene.toml
+    name        what scene.toml calls the scene
     overwrite   replace the result in a folder that is not empty; files of other names stay
     vertex_map  (V_input,) new number of every vertex of the input, -1 if dropped
 
@@ -72,7 +74,7 @@ def save_result(
         _write_meshes(result, folder_now, unit)
         arrays: dict[str, Any] = dict(arrays_of(result))
         np.savez(folder_now / "result.npz", **arrays)
-        write_scene(result, folder_now, unit=unit)
+        write_scene(result, folder_now, unit=unit, name=name)
         if vertex_map is not None:
             _write_vertex_map(vertex_map, folder_now / "vertex_map.txt")
         text = json.dumps(record_of(result, unit), indent=1, allow_nan=False)

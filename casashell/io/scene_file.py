@@ -22,10 +22,13 @@ _MATERIAL: Final = ("density", "stretch", "bend")
 TARGET_FILE: Final = "target.obj"
 
 
-def write_scene(result: Result, folder: Path, *, unit: float, arrays: str = "result.npz") -> None:
+def write_scene(
+    result: Result, folder: Path, *, unit: float, name: str = "", arrays: str = "result.npz"
+) -> None:
     """Write scene.toml, target.obj and obstacle-N.obj into ``folder``.
 
     unit    metres per unit of the files
+    name    what the scene is called
     arrays  the npz file in ``folder`` that holds per-element material values under their names
     """
     from casashell.io.meshes import write_mesh
@@ -33,7 +36,8 @@ def write_scene(result: Result, folder: Path, *, unit: float, arrays: str = "res
     write_mesh(folder / TARGET_FILE, _rereadable(result.target), unit=unit)
     gravity = np.asarray(result.material.get("gravity", np.zeros(3)), dtype=np.float64)
     up = up_axis(gravity)
-    top: dict[str, Value] = {"method": result.method, "gravity": _gravity(gravity, up)}
+    top: dict[str, Value] = {"name": name} if name else {}
+    top |= {"method": result.method, "gravity": _gravity(gravity, up)}
     if result.contact_tolerance is not None:
         top["tolerance"] = in_units(result.contact_tolerance, unit)
     if len(result.pinned):

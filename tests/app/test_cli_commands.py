@@ -99,6 +99,7 @@ def test_check_reads_scene_files(solved: Path) -> None:
     outcome = run("check", solved / "scene.toml", "--json")
     record = json.loads(outcome.stdout)
     assert (outcome.exit_code, record["contacts"], record["unit"]) == (0, 12, 0.01)
+    assert "page: 42 vertices" in run("check", solved / "scene.toml").stdout  # keeps its name
 
 
 def block(path: Path, corner: float, size: float, height: float) -> Path:
