@@ -14,7 +14,7 @@ from casashell.mesh import TriMesh
 from casashell.mesh_checks import Finding, MeshError, inspect_mesh, validate
 from casashell.problem import Problem
 from casashell.repair import Repair, repaired
-from casashell.result import Certificate, Quality, Result, Step
+from casashell.result import Certificate, NotConverged, Quality, Result, Step
 from casashell.solve import solve
 from casashell.status import Status
 
@@ -30,6 +30,7 @@ __all__ = [
     "Finding",
     "MeshError",
     "MeshObstacle",
+    "NotConverged",
     "Obstacle",
     "Plane",
     "Problem",

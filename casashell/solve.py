@@ -159,6 +159,7 @@ def _finish(run: _Run) -> Result:
         certificate=certificate,
         quality=quality,
         obstacles=problem.obstacles,
+        contact_tolerance=problem.tolerance,
         history=tuple(run.history),
         notes=tuple(run.notes),
         seconds=time.perf_counter() - run.started,

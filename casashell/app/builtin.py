@@ -49,7 +49,7 @@ def hat(rings: int = 15) -> Scene:
     height = height + 0.008 * outer**3 * np.cos(2.0 * angle)
     target = TriMesh(_round(out, angle, height), faces)
     head = Capsule((0.0, 0.0, 0.0), (0.0, -0.15, 0.0), radius, friction=0.6, name="head")
-    material = Material(density=2.5, stretch=5.0, bend=2e-2)
+    material = Material(density=2.5, stretch=5.0, bend=2e-3)
     return Scene("hat", target, (head,), material, tolerance=TOUCHING)
 
 
@@ -76,7 +76,7 @@ def skirt(rows: int = 12, around: int = 40) -> Scene:
     )
     apex = (0.0, waist / math.tan(steep), 0.0)
     body = Cone(apex, (0.0, -1.0, 0.0), steep, length=1.0, friction=0.6, name="waist")
-    material = Material(density=0.1, stretch=3.0, bend=5e-3)
+    material = Material(density=0.1, stretch=3.0, bend=1e-3)
     return Scene("skirt", target, (body,), material, tolerance=TOUCHING)
 
 

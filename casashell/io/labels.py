@@ -38,7 +38,7 @@ def engineering(value: float, unit: str = "", digits: int = 3) -> str:
     if not unit:
         if -3 <= exponent < 5:
             return _signed(f"{rounded:.{max(digits - 1 - exponent, 0)}f}")
-        return _signed(f"{rounded / 10.0**exponent:.{digits - 1}f}") + f"e{exponent}"
+        return _signed(f"{rounded / 10.0**exponent:.{digits - 1}f}e{exponent}")
     third = min(max(third, min(_PREFIXES)), max(_PREFIXES))
     scaled = rounded / 10.0 ** (3 * third)
     places = max(digits - 1 - (exponent - 3 * third), 0)
