@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from casashell.contact.detect import Contacts, detect
-from casashell.contact.obstacles import Obstacle
+from casashell.contact.obstacles import Obstacle, checked
 from casashell.engine.energy import Energy
 from casashell.mesh import TriMesh
 from casashell.mesh_checks import Finding, validate
-from casashell.typing import ArrayLike, IntArray
+from casashell.typing import ArrayLike, FloatArray, IntArray
 
 #: Contact tolerance as a fraction of the target's bounding box diagonal.
 DEFAULT_TOLERANCE = 0.005
@@ -30,6 +30,9 @@ class Problem:
     contact_tolerance  a vertex nearer than this to an obstacle touches it [m]; 0.5 % of the
                        target's bounding box diagonal by default
 
+    friction           Coulomb coefficient of the shell's vertices, a number or (V,); by default that
+                       of the obstacle a vertex touches
+
     Raises MeshError for a mesh that cannot be simulated and ValueError for the rest, naming the
     vertex, face or parameter.
     """
@@ -39,11 +42,12 @@ class Problem:
     obstacles: tuple[Obstacle, ...] = ()
     pinned: Sequence[int] | ArrayLike = ()
     contact_tolerance: float | None = None
+    friction: ArrayLike | None = None
     findings: tuple[Finding, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "energies", tuple(self.energies))
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        object.__setattr__(self, "obstacles", checked(self.obstacles))
         object.__setattr__(self, "pinned", self._checked_pins())
         count = len(self.target.vertices)
         if not self.energies:
@@ -57,6 +61,7 @@ class Problem:
                     f"energy '{term.name}' refers to vertex {int(term.stencils.max())}, "
                     f"the target has {count}: was it built for another mesh?"
                 )
+        object.__setattr__(self, "friction", self._checked_friction())
         tolerance = self.contact_tolerance
         if tolerance is not None and not (np.isfinite(tolerance) and tolerance >= 0.0):
             raise ValueError(f"contact_tolerance must be a length >= 0 m, got {tolerance}")
@@ -76,6 +81,24 @@ class Problem:
             )
         return np.unique(pins).astype(np.int64)
 
+    def _checked_friction(self) -> FloatArray | None:
+        if self.friction is None:
+            return None
+        count = len(self.target.vertices)
+        given = np.array(self.friction, dtype=np.float64)
+        if given.ndim and given.shape != (count,):
+            raise ValueError(
+                f"friction must be a number or one value per vertex, shape ({count},); "
+                f"got shape {given.shape}"
+            )
+        spread = np.array(np.broadcast_to(given, (count,)))
+        wrong = np.flatnonzero(~(np.isfinite(spread) & (spread >= 0.0)))
+        if wrong.size:
+            raise ValueError(
+                f"friction of vertex {int(wrong[0])} must be finite and >= 0, got {spread[wrong[0]]:g}"
+            )
+        return spread
+
     @property
     def tolerance(self) -> float:
         """Contact tolerance in force [m]."""
@@ -88,4 +111,8 @@ class Problem:
         """Unpinned vertices nearer to an obstacle than the tolerance."""
         if not self.obstacles:
             return Contacts.empty()
-        return detect(self.target.vertices, self.obstacles, self.tolerance, np.asarray(self.pinned))
+        pinned = np.asarray(self.pinned)
+        found = detect(self.target.vertices, self.obstacles, self.tolerance, pinned)
+        if self.friction is None:
+            return found
+        return replace(found, friction=np.asarray(self.friction)[found.vertices])

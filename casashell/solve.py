@@ -142,6 +142,8 @@ def _finish(run: _Run) -> Result:
     material: dict[str, AnyArray] = {}
     for term in problem.energies:
         material.update(term.material)
+    if problem.friction is not None:
+        material["vertex_friction"] = np.asarray(problem.friction)
     for solver in run.solvers:
         run.notes += [note for note in solver.notes if note not in run.notes]
     return Result(

@@ -22,6 +22,7 @@ optional):
     density = 0.2                   # kg/m2, per face
     stretch = 20.0                  # N, per edge
     bend = "stiffness.npz:bend"     # J, per hinge
+    friction = "grip.npz:mu"        # per vertex; overrides that of the obstacles
 
     [[obstacle]]                    # as many as you like
     kind = "mesh"                   # file, flip = false
@@ -84,11 +85,13 @@ class Material:
     """Numbers, or one value per element.
 
     density  kg/m2, per face;  stretch  N, per edge;  bend  J, per hinge
+    friction  Coulomb coefficient, per vertex; None: that of the obstacles
     """
 
     density: float | FloatArray = 0.2
     stretch: float | FloatArray = 20.0
     bend: float | FloatArray = 1e-3
+    friction: float | FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +139,14 @@ class Scene:
         except ValueError:
             validate(self.target)  # a broken surface has no hinges: say what is wrong with it all
             raise
-        return Problem(self.target, energies, self.obstacles, self.pinned, self.tolerance)
+        return Problem(
+            self.target,
+            energies,
+            self.obstacles,
+            self.pinned,
+            self.tolerance,
+            self.material.friction,
+        )
 
     @property
     def mass(self) -> float:
@@ -174,6 +184,7 @@ class SceneSpec:
     density: MaterialValue = 0.2
     stretch: MaterialValue = 20.0
     bend: MaterialValue = 1e-3
+    vertex_friction: MaterialValue | None = None
     obstacles: tuple[ObstacleSource, ...] = ()
     friction: float | None = None
     pinned: Pins = ()
@@ -184,7 +195,7 @@ class SceneSpec:
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Every file the scene reads."""
-        material = (self.density, self.stretch, self.bend)
+        material = (self.density, self.stretch, self.bend, self.vertex_friction)
         files = [
             self.shell,
             *(value.path for value in material if isinstance(value, ArrayReference)),
@@ -213,7 +224,12 @@ class SceneSpec:
             name=self.name or self.shell.stem,
             target=target,
             obstacles=tuple(source.read(self.unit, self.friction) for source in self.obstacles),
-            material=Material(*map(_value, (self.density, self.stretch, self.bend))),
+            material=Material(
+                density=_value(self.density),
+                stretch=_value(self.stretch),
+                bend=_value(self.bend),
+                friction=None if self.vertex_friction is None else _value(self.vertex_friction),
+            ),
             gravity=self.gravity_vector,
             pinned=pinned,
             tolerance=None if self.tolerance is None else self.tolerance * self.unit,
@@ -263,9 +279,13 @@ def read_scene(path: Path) -> SceneSpec:
     shell = Table.checked(top.values["shell"], f"{path}, [shell]", ("file", "unit", "up"))
     shell.require("file")
     where = f"{path}, [material]"
-    material = Table.checked(top.values.get("material", {}), where, ("density", "stretch", "bend"))
+    material = Table.checked(
+        top.values.get("material", {}), where, ("density", "stretch", "bend", "friction")
+    )
     given: dict[str, Any] = {
-        key: parse_material(value, f"{where}: {key}", folder)
+        ("vertex_friction" if key == "friction" else key): parse_material(
+            value, f"{where}: {key}", folder
+        )
         for key, value in material.values.items()
     }
     if "gravity" in top:

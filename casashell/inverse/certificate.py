@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from casashell.contact.detect import Contacts
 from casashell.engine.energy import Energy
 from casashell.engine.sparse_solver import make_solver
-from casashell.inverse.stability import NEUTRAL
+from casashell.inverse.stability import NEUTRAL as NEUTRAL
 from casashell.result import Certificate
 from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 

@@ -38,7 +38,10 @@ _OWNED: Final = frozenset(
         *(f"{name}.png" for name in PICTURES),
     }
 )
-_MATERIAL: Final = ("edges", "hinges", "stretch", "bend", "density", "gravity")
+_MATERIAL: Final = (
+    *("edges", "hinges", "stretch", "bend", "density", "gravity"),
+    "vertex_friction",  # (V,), only where the shell has friction of its own
+)
 
 _Record = TypeVar("_Record", Certificate, Quality, Step)
 
@@ -142,7 +145,7 @@ def arrays_of(result: Result) -> dict[str, AnyArray]:
         "forces": _floats(result.forces),
         "pinned": _ints(result.pinned),
     }
-    for key in ("stretch", "bend", "density", "gravity"):
+    for key in _MATERIAL[2:]:
         if key in result.material:
             arrays[key] = _floats(result.material[key])
     return arrays

@@ -16,7 +16,13 @@ from casashell.typing import AnyArray
 
 _NAMES: Final = {1.0: "m", 0.1: "dm", 0.01: "cm", 0.001: "mm"}
 _AXES: Final = "xyz"
-_MATERIAL: Final = ("density", "stretch", "bend")
+#: Keys of [material] and the arrays they stand for.
+_MATERIAL: Final = {
+    "density": "density",
+    "stretch": "stretch",
+    "bend": "bend",
+    "friction": "vertex_friction",
+}
 
 #: The target in the input's own unit, which scene.toml calls the shell.
 TARGET_FILE: Final = "target.obj"
@@ -49,9 +55,9 @@ def write_scene(
         write_table("[shell]", shell),
     ]
     material = {
-        key: _material(result.material[key], f"{arrays}:{key}")
-        for key in _MATERIAL
-        if key in result.material
+        key: _material(result.material[array], f"{arrays}:{array}")
+        for key, array in _MATERIAL.items()
+        if array in result.material
     }
     if material:
         tables.append(write_table("[material]", material))

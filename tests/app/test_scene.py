@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from casashell import solve
+from casashell.app.builtin import skirt
 from casashell.app.scene import Scene, SceneSpec, read_scene
 from casashell.app.values import parse_pins
 from casashell.contact.obstacles import Capsule, Cone, Cylinder, MeshObstacle, Plane, Sphere
@@ -251,3 +252,25 @@ def _solved_and_again(scene: Scene, folder: Path) -> tuple[Any, Any]:
     save_result(result, folder / "out", unit=scene.unit)
     second = read_scene(folder / "out" / "scene.toml").load()
     return result, solve(second.problem, second.method)
+
+
+def test_friction_of_the_shell_itself_survives_a_round_trip(tmp_path: Path) -> None:
+    scene = skirt(6, 20)
+    count = len(scene.target.vertices)
+    grip = np.linspace(0.4, 0.9, count)
+    scene = replace(scene, material=replace(scene.material, friction=grip))
+    result = solve(scene.problem)
+    np.testing.assert_array_equal(result.contacts.friction, grip[result.contacts.vertices])
+    result.save(tmp_path / "out")
+    again = read_scene(tmp_path / "out" / "scene.toml").load().problem.contacts
+    np.testing.assert_array_equal(again.friction, result.contacts.friction)
+
+
+def test_friction_of_a_vertex_must_be_a_number() -> None:
+    scene = skirt(6, 20)
+    grip = np.full(len(scene.target.vertices), 0.5)
+    grip[7] = np.nan
+    with pytest.raises(ValueError, match="friction of vertex 7"):
+        _ = replace(scene, material=replace(scene.material, friction=grip)).problem
+    with pytest.raises(ValueError, match="one value per vertex"):
+        _ = replace(scene, material=replace(scene.material, friction=grip[:-1])).problem
