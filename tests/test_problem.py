@@ -51,6 +51,12 @@ def test_tolerance_is_a_length(tolerance: float) -> None:
         Problem(MESH, TERMS, (FLOOR,), contact_tolerance=tolerance)
 
 
+@pytest.mark.parametrize("wrong", [FLOOR, (3,), (FLOOR, None)], ids=["one", "number", "None"])
+def test_obstacles_are_checked_at_construction(wrong: tuple[Plane, ...]) -> None:
+    with pytest.raises(ValueError, match="obstacle"):
+        Problem(MESH, TERMS, wrong)
+
+
 def test_energies_have_to_be_there_and_differ() -> None:
     with pytest.raises(ValueError, match="at least one energy"):
         Problem(MESH, ())

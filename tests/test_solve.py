@@ -82,6 +82,7 @@ def test_contacts_alone() -> None:
     area = result.target.moved(result.rest).face_areas.sum()
     assert -weight == pytest.approx(0.2 * area * 9.81, rel=1e-8)
     assert np.array_equal(result.pose, result.target.vertices)
+    assert result.contact_tolerance == 6e-3
 
 
 def test_pins_alone() -> None:
@@ -148,6 +149,7 @@ def test_pins_on_a_vertical_line_leave_a_turn_about_it() -> None:
     assert result.certificate.neutral_modes == 1
     assert result.certificate.free_force is not None
     assert result.certificate.free_force <= 1e-9
+    assert "neutral" in result.advice
 
 
 def test_one_pin_aside_is_not_an_equilibrium() -> None:
