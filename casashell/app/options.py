@@ -256,7 +256,8 @@ class SceneOptions:
         Obstacles and planes add to those of a scene file, the rest overrides.  Raises ValueError
         naming option or file, OSError for a scene file that cannot be opened.
         """
-        from casashell.app.scene import SceneSpec, read_scene
+        from casashell.app.scene import SceneSpec
+        from casashell.app.scene_reader import read_scene
 
         if self.shell.suffix.lower() == ".toml":
             base = read_scene(self.shell)

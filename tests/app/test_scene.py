@@ -12,7 +12,8 @@ import pytest
 
 from casashell import solve
 from casashell.app.builtin import skirt
-from casashell.app.scene import Scene, SceneSpec, read_scene
+from casashell.app.scene import Scene, SceneSpec
+from casashell.app.scene_reader import read_scene
 from casashell.app.values import parse_pins
 from casashell.contact.obstacles import Capsule, Cone, Cylinder, MeshObstacle, Plane, Sphere
 from casashell.io.meshes import write_mesh
