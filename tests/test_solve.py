@@ -19,6 +19,7 @@ from casashell.result import NotConverged, Result, Step
 from casashell.solve import solve
 from casashell.status import Status
 from casashell.typing import FloatArray
+from formulations import discrete_shell
 
 HEAD = Sphere((0.0, 0.0, 0.05), 0.15, friction=0.5)
 DOWN = (0.0, 0.0, -9.81)
@@ -221,6 +222,26 @@ def test_two_parts_are_solved_as_if_alone() -> None:
     assert difference.max() <= 0.01 * together.certificate.f0
     lowest = min(one.certificate.min_eigenvalue or np.inf for one in alone)
     assert together.certificate.min_eigenvalue == pytest.approx(lowest, rel=1e-4)
+
+
+def test_contact_forces_of_every_part_are_in_their_place() -> None:
+    """Two hats of different weight on two balls, the ball of the second hat listed first."""
+    hat = cap(4, 0.2, 1.3)
+    shift = np.array([2.0, 0.0, 0.0])
+    both = joined(hat, hat.moved(hat.vertices + shift))
+    heavy = np.arange(len(both.faces)) >= len(hat.faces)
+    terms = discrete_shell(
+        both, density=np.where(heavy, 0.3, 0.2), stretch=20.0, bend=3e-3, gravity=DOWN
+    )
+    balls = (Sphere((2.0, 0.0, 0.05), 0.15), Sphere((0.0, 0.0, 0.05), 0.15))
+    result = solve(Problem(both, terms, balls, contact_tolerance=6e-3))
+    assert result.status is Status.SOLVED
+    _check(result)
+    assert result.contacts.obstacle.tolist() == [0] * 7 + [1] * 7
+    areas = both.moved(result.rest).face_areas
+    for first, faces, rho in ((0, heavy, 0.3), (7, ~heavy, 0.2)):
+        carried = result.contact_forces[first : first + 7, 2].sum()
+        assert carried == pytest.approx(rho * areas[faces].sum() * 9.81, rel=1e-7)
 
 
 def test_part_that_fails_is_named() -> None:
