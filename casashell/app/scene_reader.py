@@ -1,6 +1,6 @@
 """Scene files in TOML: their schema, and their reader.
 
-optional):
+Lengths are in the file's own unit, paths relative to the file; everything but the shell is optional:
 
     name = "hat"                    # for reports
     method = "auto"                 # auto, direct

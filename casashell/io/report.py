@@ -95,7 +95,9 @@ def _sections(result: Result, remarks: Sequence[str]) -> Iterable[str]:
         f"length. Computed from the two shapes by code that shares nothing with the solver "
         f"({escape(result.certificate.evaluator)}).</p>",
     )
-    quality = _section("Natural shape", _checks(quality_lines(result), ("What", "Value", "", "")))
+    quality = _section(
+        "Natural shape", _checks(quality_lines(result), ("What", "Value", "Wanted", ""))
+    )
     scene = _section("Scene and material", _checks(scene_lines(result), ()))
     yield f'<div class="two">{quality}{scene}</div>'
     if result.obstacles:

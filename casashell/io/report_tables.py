@@ -9,7 +9,7 @@ import numpy as np
 
 from casashell.contact.obstacles import MeshObstacle
 from casashell.inverse.advice import FREE_FORCE, NEARBY
-from casashell.inverse.certificate import NEUTRAL
+from casashell.inverse.stability import NEUTRAL
 from casashell.io.forces import friction_use
 from casashell.io.labels import degrees, engineering, percent
 from casashell.result import Result

@@ -44,7 +44,7 @@
   const up = shift(data.up);
   const light = {
     lightposition: { x: 0, y: 0, z: 1e5 },
-    lighting: { ambient: 0.6, diffuse: 0.55, specular: 0.04, roughness: 0.9, fresnel: 0 },
+    lighting: { ambient: 0.52, diffuse: 0.5, specular: 0.04, roughness: 0.9, fresnel: 0 },
     flatshading: false,
   };
   const traces = [];
@@ -54,7 +54,7 @@
     roles.push(role);
   }
   function bar(title) {
-    return { title: { text: title, side: "top" }, thickness: 14, len: 0.8, x: 0.995, xanchor: "right",
+    return { title: { text: title + "<br> ", side: "top" }, thickness: 14, len: 0.8, x: 0.995, xanchor: "right",
       outlinewidth: 0 };
   }
 
@@ -218,14 +218,14 @@
     scene.aspectratio[axis] = 1.15 * spans[n] / longest;
     scene[axis + "axis"] = {
       range: ranges[n], title: { text: names[n] + " [m]", font: { size: 11 } }, nticks: 5,
-      tickfont: { size: 10, color: "#6b7280" }, gridcolor: "#e3e6ea", zeroline: false,
+      tickfont: { size: 10, color: "#6b7280" }, gridcolor: "#dde1e6", zeroline: false,
       showspikes: false, backgroundcolor: "rgba(0,0,0,0)",
     };
   });
   traces.forEach((trace, n) => { trace.visible = visible()[n]; });
   const layout = {
     scene: scene, margin: { l: 0, r: 0, t: 0, b: 0 }, autosize: true, uirevision: "keep",
-    paper_bgcolor: "#fafbfc", font: { family: "system-ui, sans-serif", size: 12, color: "#23272e" },
+    paper_bgcolor: "#eff1f4", font: { family: "system-ui, sans-serif", size: 12, color: "#23272e" },
     hoverlabel: { align: "left" },
   };
   const config = { displaylogo: false, responsive: true, scrollZoom: true,

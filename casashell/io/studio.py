@@ -21,6 +21,8 @@ from casashell.typing import AnyArray, FloatArray
 INSTALL: Final = "pip install 'pyvista>=0.44' matplotlib"
 # Below this many pixels between mesh edges they would only grey the picture.
 _LEGIBLE: Final = 5.0
+# How far a layer behind is pushed away from the eye, as a share of the picture's height.
+_RECESS: Final = 0.006
 _EGL: Final = "vtkEGLRenderWindow"
 BACKGROUND: Final = "#f5f6f8"
 # Towards the light in camera axes (right, up, to the eye), and its strength: key, fill, head.
@@ -39,7 +41,8 @@ class Layer:
     colour    one colour, or an array (V,3) uint8 with one per vertex
     inside    colour of the back faces, the same as in front when empty
     edges     draw the mesh edges where they are legible
-    behind    give way where another layer touches this one
+    behind    give way where another layer touches this one, or cuts a little into it as flat
+              faces between contacts on a round obstacle do
     bright    more colour and less shade, for small things
     """
 
@@ -113,7 +116,7 @@ class Studio:
             elif isinstance(layer, Curves):
                 self._curves(layer)
             elif len(layer.surface.faces):
-                self._surface(layer, per_pixel)
+                self._surface(layer, camera, per_pixel)
         plotter.camera.view_angle = camera.view_angle
         plotter.camera_position = [
             tuple(camera.position),
@@ -126,7 +129,7 @@ class Studio:
             picture = plotter.screenshot(None, return_img=True)
         return np.ascontiguousarray(picture[:, :, :3])
 
-    def _surface(self, layer: Layer, per_pixel: float) -> None:
+    def _surface(self, layer: Layer, camera: Camera, per_pixel: float) -> None:
         surface = _polydata(layer.surface)
         edge = float(np.sqrt(4.0 * surface.area / np.sqrt(3.0) / max(surface.n_cells, 1)))
         plain = isinstance(layer.colour, str)
@@ -155,8 +158,9 @@ class Studio:
             render=False,
         )
         if layer.behind:
-            actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
-            actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 4.0)
+            # Along the line of sight: hardly seen, except that what it touches comes out on top.
+            away = camera.focus - camera.position
+            actor.position = _RECESS * camera.size * away / np.linalg.norm(away)
 
     def _dots(self, dots: Dots) -> None:
         if len(dots.points):
