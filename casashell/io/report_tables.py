@@ -230,7 +230,7 @@ def _short(limit: float) -> str:
 
 
 def _count(name: str, words: str, number: int) -> Line:
-    return Line(name, words, str(number), wanted="0", passed=number == 0)
+    return Line(name, words, str(number), wanted="= 0", passed=number == 0)
 
 
 def _weight(result: Result) -> float | None:

@@ -207,6 +207,8 @@
   const spans = ranges.map((range) => range[1] - range[0]);
   const longest = Math.max.apply(null, spans);
   const scene = {
+    // In a narrow window the colour bar would lie over the shell.
+    domain: { x: [0, host.clientWidth < 760 ? 0.8 : 1] },
     aspectmode: "manual", aspectratio: {},
     camera: {
       up: { x: up[0], y: up[1], z: up[2] },
