@@ -206,13 +206,15 @@
   const names = shift(axes);
   const spans = ranges.map((range) => range[1] - range[0]);
   const longest = Math.max.apply(null, spans);
+  // In a narrow window the colour bar would lie over the shell, and the shell reach over the sides.
+  const share = host.clientWidth < 760 ? 0.8 : 1;
+  const away = 1.75 * Math.max(1, 0.9 * host.clientHeight / (share * host.clientWidth));
   const scene = {
-    // In a narrow window the colour bar would lie over the shell.
-    domain: { x: [0, host.clientWidth < 760 ? 0.8 : 1] },
+    domain: { x: [0, share] },
     aspectmode: "manual", aspectratio: {},
     camera: {
       up: { x: up[0], y: up[1], z: up[2] },
-      eye: { x: 1.75 * toEye[0], y: 1.75 * toEye[1], z: 1.75 * toEye[2] },
+      eye: { x: away * toEye[0], y: away * toEye[1], z: away * toEye[2] },
     },
     dragmode: upright >= 0 ? "turntable" : "orbit",
   };
