@@ -87,6 +87,17 @@ def test_projected_forces_balance_and_stay_inside(shrink: Shrink, friction: floa
     assert inner.min() >= -1e-6 * piece.f0
 
 
+@pytest.mark.parametrize("shrink", SHRINKS)
+def test_contact_that_wants_to_pull_pushes_by_the_floor(shrink: Shrink) -> None:
+    piece = _hat()
+    wanted = bilateral_reactions(piece)
+    wanted[0] = -5.0 * piece.f0 * piece.contacts.normals[0]
+    found = project_reactions(piece, wanted, piece.loads, shrink)
+    assert found is not None
+    pushes = (found * piece.contacts.normals).sum(axis=1) / piece.f0
+    assert pushes[0] == pytest.approx(shrink.floor, abs=1e-6)
+
+
 def test_projection_is_the_nearest_admissible_choice() -> None:
     """No admissible mixture with another admissible choice is nearer to what was wanted."""
     piece = _hat()
