@@ -150,3 +150,25 @@ def test_mesh_with_two_orientations_of_the_same_surface() -> None:
     found = solve(Problem(over, PlainShell(over, bend=3e-3).terms(), pinned=range(8)))
     assert found.status is Status.SOLVED
     assert np.abs(found.rest - solve(page).rest).max() <= 1e-10
+
+
+@pytest.mark.parametrize("s", [1e-3, 1e3])
+def test_size_does_not_matter(s: float) -> None:
+    """Lengths times s, k_L times s^2, k_theta times s^3: every energy times s^3, the shape times s."""
+    small = hat_on_ball()
+    target = small.target.moved(s * small.target.vertices)
+    shell = PlainShell(target, stretch=20.0 * s**2, bend=3e-3 * s**3)
+    ball = Sphere((0.0, 0.0, 0.05 * s), 0.15 * s, friction=0.5)
+    found = solve(Problem(target, shell.terms(), (ball,), contact_tolerance=6e-3 * s))
+    assert found.status is Status.SOLVED
+    assert np.abs(found.rest / s - solve(small).rest).max() <= 1e-9
+
+
+@pytest.mark.parametrize("distance", [100.0, 1e4])
+def test_distance_from_the_origin_costs_only_rounding(distance: float) -> None:
+    near = clamped_page()
+    target = near.target.moved(near.target.vertices + distance)
+    shell = PlainShell(target, bend=3e-3)
+    found = solve(Problem(target, shell.terms(), pinned=range(8)))
+    assert found.status is Status.SOLVED
+    assert np.abs(found.rest - distance - solve(near).rest).max() <= 1e-12 * distance
