@@ -22,6 +22,8 @@ from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
 #: A contact with less normal force than this share of f0 does not hold its vertex.
 ACTIVE = 1e-6
+#: Force [N] that is rounding in a shell without loads.
+NO_FORCE = 1e-9
 #: Cone margin / f0 that counts as zero.
 ROUNDING = 1e-12
 #: SciPy's SuperLU takes over-long above this many degrees of freedom; MUMPS serves there.
@@ -205,8 +207,10 @@ def certify(
     """
     f0, diagonal = scale_of_forces(energies, target), float(np.linalg.norm(np.ptp(target, axis=0)))
     if not all(np.all(np.isfinite(a)) for a in (pose, rest, contact_forces)):
-        return Certificate(None, None, None, None, None, None, f0, h), np.full_like(target, np.nan)
+        lost = np.full_like(target, np.nan)
+        return Certificate(None, None, None, None, None, None, f0 or 1.0, h), lost
     forces = total_forces(energies, pose, rest)
+    f0 = f0 or _felt(forces, contacts, pinned)
     unbalanced = forces.copy()
     np.subtract.at(unbalanced, contacts.vertices, contact_forces)
     unbalanced[pinned] = 0.0
@@ -236,7 +240,13 @@ def certify(
 
 
 def scale_of_forces(energies: Sequence[Energy], target: FloatArray) -> float:
-    """f0: mean nodal weight at the target [N]; 1 N without weight."""
+    """Mean nodal weight at the target [N], which is f0 unless it is zero."""
     loads = total_forces([term for term in energies if term.load], target, target)
-    weight = float(np.linalg.norm(loads, axis=1).mean())
-    return weight if weight > 0.0 else 1.0
+    return float(np.linalg.norm(loads, axis=1).mean())
+
+
+def _felt(forces: FloatArray, contacts: Contacts, pinned: IntArray) -> float:
+    """f0 without weight: mean force on what is held; 1 N when that is nothing but rounding."""
+    held = np.union1d(contacts.vertices, pinned).astype(np.int64)
+    size = float(np.linalg.norm(forces[held], axis=1).mean()) if len(held) else 0.0
+    return size if size > NO_FORCE else 1.0

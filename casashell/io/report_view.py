@@ -24,7 +24,7 @@ from casashell.io.colours import (
 )
 from casashell.io.forces import BEYOND, force_arrows
 from casashell.io.strain import Strain, strain
-from casashell.io.tessellate import Region, Surface, cropped, tessellate, thinned
+from casashell.io.tessellate import Region, Surface, cropped, sunk, tessellate, thinned
 from casashell.result import Result
 from casashell.typing import AnyArray, FloatArray
 
@@ -34,6 +34,8 @@ OBSTACLE_FACES: Final = 20_000
 ARROWS: Final = 1_000
 _EDGED_FACES: Final = 15_000
 _SIDES: Final = 6
+#: How far obstacles are drawn below their surface, relative to the radius of what is shown.
+SUNK: Final = 0.004
 
 
 def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]]:
@@ -109,6 +111,7 @@ def _obstacles(result: Result, region: Region) -> tuple[list[dict[str, Any]], bo
         whole = tessellate(obstacle, region)
         part = cropped(whole, region) if len(whole.faces) > share else whole
         part, _ = thinned(part, share)
+        part = sunk(part, SUNK * region.radius)
         coarse = coarse or len(part.faces) < len(whole.faces)
         if len(part.faces):
             name = obstacle.name or f"obstacle {number}"

@@ -52,6 +52,21 @@ class Region:
         return Region(0.5 * (low + high), radius if radius > 0 else 1.0)
 
 
+def sunk(surface: Surface, depth: float) -> Surface:
+    """The surface moved inwards by ``depth`` [m] along its vertex normals.
+
+    A shell's flat faces cut through a round obstacle that their corners touch; drawn a little smaller
+    it stays below them.
+    """
+    corners = surface.vertices[surface.faces]
+    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = np.zeros_like(surface.vertices)
+    np.add.at(normal, surface.faces.ravel(), np.repeat(face, 3, axis=0))
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    return Surface(surface.vertices - depth * normal, surface.faces)
+
+
 def tessellate(obstacle: Obstacle, region: Region) -> Surface:
     """Surface of an obstacle; unbounded ones are cut off where they leave the region.
 

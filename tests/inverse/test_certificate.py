@@ -58,7 +58,7 @@ def test_forces_are_the_slope_of_the_energy() -> None:
 def test_scale_is_the_mean_nodal_weight_of_the_target() -> None:
     assert scale_of_forces(TERMS, POSE.vertices) == pytest.approx(F0, rel=1e-12)
     weightless = PlainShell(POSE, density=0.0).terms()
-    assert scale_of_forces(weightless, POSE.vertices) == 1.0
+    assert scale_of_forces(weightless, POSE.vertices) == 0.0
 
 
 def test_free_force_is_the_largest_component_that_nothing_carries() -> None:
