@@ -46,6 +46,8 @@ class Problem:
     findings: tuple[Finding, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.energies, Energy):
+            raise ValueError("energies must be a sequence of Energy; put the single one in a tuple")
         object.__setattr__(self, "energies", tuple(self.energies))
         object.__setattr__(self, "obstacles", checked(self.obstacles))
         object.__setattr__(self, "pinned", self._checked_pins())
@@ -56,9 +58,10 @@ class Problem:
         if len(set(names)) != len(names):
             raise ValueError(f"energies must have different names, got {', '.join(names)}")
         for term in self.energies:
-            if term.stencils.size and not 0 <= term.stencils.min() <= term.stencils.max() < count:
+            wrong = term.stencils[(term.stencils < 0) | (term.stencils >= count)]
+            if wrong.size:
                 raise ValueError(
-                    f"energy '{term.name}' refers to vertex {int(term.stencils.max())}, "
+                    f"energy '{term.name}' refers to vertex {int(wrong[np.argmax(np.abs(wrong))])}, "
                     f"the target has {count}: was it built for another mesh?"
                 )
         object.__setattr__(self, "friction", self._checked_friction())

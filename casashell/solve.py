@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
-from casashell.inverse.certificate import certify
+from casashell.inverse.certificate import certify, no_certificate
 from casashell.inverse.direct import DirectSolver, Outcome
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
@@ -125,7 +125,11 @@ def _finish(run: _Run) -> Result:
     problem, contacts = run.problem, run.problem.contacts
     rest, contact_forces, outcomes = _gathered(run)
     begin = time.perf_counter()
-    certificate, forces = _certificate(run, rest, contact_forces)
+    try:
+        certificate, forces = _certificate(run, rest, contact_forces)
+    except KeyboardInterrupt:
+        run.interrupted = True
+        certificate, forces = no_certificate(problem.target), np.full_like(rest, np.nan)
     if (certificate.free_force or 0.0) > FREE_FORCE and outcomes and all(o.good for o in outcomes):
         # Stiff slivers far from the origin: rounding the coordinates of the natural shape alone
         # upsets the balance.  It is defined up to a rigid motion, so bring it near the origin.
@@ -192,7 +196,7 @@ def _verdict(run: _Run, certificate: Certificate, outcomes: list[Outcome]) -> tu
     status = status_of(certificate)
     if status.certified:
         return status, explain(status, run.problem, None, None)
-    if run.interrupted:
+    if run.interrupted:  # also when only the certificate is missing
         return Status.INTERRUPTED, explain(Status.INTERRUPTED, run.problem, None, None)
     for piece, outcome in zip(run.pieces, outcomes, strict=False):
         if outcome.good:

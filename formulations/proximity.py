@@ -2,6 +2,7 @@
 
     E = lambda / 2 * |x - x_t|^2          per vertex
 
+At a given pose it is a dead load that no natural shape changes, and is marked as one.
 Stencil: one vertex.  ``lambda`` [N/m] is the pull towards the target.  Independent of the rest shape.
 """
 
@@ -40,6 +41,7 @@ def proximity(mesh: TriMesh, pull: ArrayLike) -> Energy:
         density=density(),
         stencils=np.arange(count, dtype=np.int64)[:, None],
         params=np.column_stack([stiffness, mesh.vertices]),
+        load=True,
         reference=reference,
         material={"pull": value},
     )

@@ -52,7 +52,14 @@ class Assembly:
         )
         self.count = count
         self.interpreted = interpreted
-        self._scatter: dict[str, IntArray] = {}
+        self._scatter: dict[int, IntArray] = {}
+        for term in self.energies:
+            wrong = term.stencils[(term.stencils < 0) | (term.stencils >= count)]
+            if wrong.size:
+                raise ValueError(
+                    f"energy '{term.name}' refers to vertex {int(wrong.flat[0])}, "
+                    f"ids go from 0 to {count - 1}"
+                )
 
     def _kernel(self, term: Energy, name: str) -> Kernel:
         return get_kernel(term.density, name, interpreted=self.interpreted)
@@ -85,7 +92,7 @@ class Assembly:
 
     def scatter_map(self, term: Energy) -> IntArray:
         """Where each entry of the row-major (3k, 3k) blocks of ``term`` goes in the pattern."""
-        if term.name not in self._scatter:
+        if id(term) not in self._scatter:
             pattern, s = self.pattern, term.stencils
             k = term.size
             pair = np.searchsorted(self._pairs, s[:, :, None] * self.count + s[:, None, :])
@@ -97,8 +104,8 @@ class Assembly:
                 + 3 * rank[:, :, None, :, None]
                 + offset[None, None, None, None, :]
             )
-            self._scatter[term.name] = np.ascontiguousarray(target.reshape(len(s), 9 * k * k))
-        return self._scatter[term.name]
+            self._scatter[id(term)] = np.ascontiguousarray(target.reshape(len(s), 9 * k * k))
+        return self._scatter[id(term)]
 
     def _run(
         self, term: Energy, name: str, x: FloatArray, r: FloatArray, w: FloatArray | None = None

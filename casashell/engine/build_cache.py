@@ -8,6 +8,7 @@ others and still has the digest of its pointer; anything else is rebuilt.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import json
 import os
@@ -104,7 +105,15 @@ def _writable(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="casashell-"))
+        return _own_folder()
+
+
+@cache
+def _own_folder() -> Path:
+    """A folder of this process alone, removed when it ends."""
+    folder = tempfile.mkdtemp(prefix="casashell-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def _compile(source: str, folder: Path, key: str) -> Path:

@@ -16,7 +16,7 @@ import casadi as ca
 import cffi
 import numpy as np
 
-from casashell.engine.sparse_solver import SingularMatrix, Symmetry
+from casashell.engine.sparse_solver import SingularMatrix, Symmetry, check_rhs
 from casashell.typing import FloatArray, IntArray
 
 _USE_COMM_WORLD = -987654
@@ -129,6 +129,7 @@ class Mumps:
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Solution of the last factored matrix; rhs (n,) or (n, m)."""
+        check_rhs(rhs, self._size)
         columns = np.asfortranarray(np.array(rhs, dtype=np.float64, order="F", copy=True))
         self._state.nrhs = 1 if columns.ndim == 1 else columns.shape[1]
         self._state.lrhs = self._size

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from casashell.engine.sparse_solver import SingularMatrix, Symmetry
+from casashell.engine.sparse_solver import SingularMatrix, Symmetry, check_rhs
 from casashell.typing import FloatArray, IntArray
 
 
@@ -58,6 +58,7 @@ class Pardiso:
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Solution of the last factored matrix; rhs (n,) or (n, m)."""
+        check_rhs(rhs, len(self._nothing))
         columns = np.asfortranarray(np.asarray(rhs, dtype=np.float64).reshape(len(rhs), -1))
         return self._phase(33, columns).reshape(np.shape(rhs))
 

@@ -19,6 +19,12 @@ class SingularMatrix(ArithmeticError):
     """The matrix could not be factored; the message says where."""
 
 
+def check_rhs(rhs: FloatArray, size: int) -> None:
+    """Raise ValueError unless ``rhs`` is (size,) or (size, m): libraries read past a shorter one."""
+    if np.ndim(rhs) not in (1, 2) or np.shape(rhs)[0] != size:
+        raise ValueError(f"right-hand side must have {size} rows, got shape {np.shape(rhs)}")
+
+
 class SparseSolver(Protocol):
     """Direct solver for matrices of one pattern."""
 
@@ -36,7 +42,7 @@ class SparseSolver(Protocol):
 
 
 class SuperLU:
-    """SciPy's SuperLU: always there, no reuse of the analysis, no inertia."""
+    """SciPy's SuperLU: always there, no reuse of the analysis."""
 
     name = "superlu"
 
@@ -54,20 +60,28 @@ class SuperLU:
             raise SingularMatrix("the matrix has entries that are not finite")
         self._matrix.data = np.asarray(data)
         order = "MMD_AT_PLUS_A" if self._symmetry == "symmetric" else "COLAMD"
-        options = {"SymmetricMode": True} if self._symmetry == "symmetric" else {}
+        symmetric = self._symmetry == "symmetric"
         try:
-            self._lu = splu(self._matrix, permc_spec=order, options=options)
+            self._lu = splu(
+                self._matrix,
+                permc_spec=order,
+                diag_pivot_thresh=0.0 if symmetric else 1.0,
+                options={"SymmetricMode": symmetric},
+            )
         except RuntimeError as error:
             raise SingularMatrix(f"SuperLU: {error}") from None
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Solution of the last factored matrix; rhs (n,) or (n, m)."""
+        check_rhs(rhs, self._matrix.shape[0])
         return np.asarray(self._lu.solve(np.asarray(rhs, dtype=np.float64), trans="T"))
 
     @property
     def negative_eigenvalues(self) -> int | None:
-        """Not known to this solver."""
-        return None
+        """Signs on the diagonal of U; None when rows were exchanged or the matrix is not symmetric."""
+        if self._symmetry != "symmetric" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+            return None
+        return int(np.sum(self._lu.U.diagonal() < 0.0))
 
 
 def _backends() -> dict[str, Callable[[IntArray, IntArray, Symmetry], SparseSolver]]:

@@ -21,13 +21,20 @@ NEARBY = 1e-3
 def status_of(certificate: Certificate) -> Status:
     """Status that the certificate alone supports; ITERATION_LIMIT when it is not an equilibrium."""
     c = certificate
+    numbers = (
+        *(c.cone_margin, c.min_normal_force, c.target_distance),
+        *(c.min_eigenvalue, c.min_eigenvalue_scaled),
+    )
     if c.free_force is None or not np.isfinite(c.free_force):
+        return Status.NONFINITE
+    if any(number is not None and np.isnan(number) for number in numbers):
         return Status.NONFINITE
     if c.free_force > FREE_FORCE:
         return Status.ITERATION_LIMIT
     if min(c.cone_margin or 0.0, c.min_normal_force or 0.0) < 0.0:
         return Status.CONE_VIOLATED
-    if c.min_eigenvalue_scaled is not None and c.min_eigenvalue_scaled <= NEUTRAL:
+    soft = c.min_eigenvalue_scaled is not None and c.min_eigenvalue_scaled <= NEUTRAL
+    if soft or c.neutral_modes > 0:
         return Status.UNSTABLE
     if c.target_distance is None or c.target_distance > NEARBY:
         return Status.SOLVED_NEARBY
@@ -35,26 +42,24 @@ def status_of(certificate: Certificate) -> Status:
 
 
 def needed_friction(piece: Piece) -> float | None:
-    """Smallest factor on all friction coefficients at which the target's weight can be balanced.
+    """Smallest friction coefficient on all contacts at which the target's weight can be balanced.
 
-    None when even 64 times the friction does not help (or there is none to scale).
+    Contacts that have more keep it.  None when even a coefficient of 64 does not help.
     """
-    mu = piece.contacts.friction
-    if len(mu) == 0 or not mu.any():
-        return None
     wanted = bilateral_reactions(piece)
 
-    def works(factor: float) -> bool:
-        scaled = piece.touching(replace(piece.contacts, friction=factor * mu))
-        return project_reactions(scaled, wanted, piece.loads, SHRINKS[-1]) is not None
+    def works(least: float) -> bool:
+        rougher = replace(piece.contacts, friction=np.maximum(piece.contacts.friction, least))
+        found = project_reactions(piece.touching(rougher), wanted, piece.loads, SHRINKS[-1])
+        return found is not None
 
-    low, high = 1.0, 2.0
+    low, high = 0.0, 0.02
     while not works(high):
         low, high = high, 2.0 * high
         if high > 64.0:
             return None
-    while high / low > 1.01:
-        middle = float(np.sqrt(low * high))
+    while high - low > 0.01 * high:
+        middle = 0.5 * (low + high)
         low, high = (low, middle) if works(middle) else (middle, high)
     return high
 
@@ -99,16 +104,16 @@ def _unsupported(piece: Piece, *, proved: bool) -> str:
         if proved
         else "No contact forces inside the friction cones balance the weight of this target"
     )
-    factor = needed_friction(piece)
-    if factor is None:
+    needed = needed_friction(piece)
+    if needed is None:
         return (
             f"{start}: no friction is enough, because the contacts do not support the centre of "
             "mass. Raise the contact tolerance so that more vertices touch, or pin vertices."
         )
-    worst = float(piece.contacts.friction.max())
+    least = float(piece.contacts.friction.min())
     return (
-        f"{start}: it slides. It takes a friction of about {factor * worst:.2g} "
-        f"(now {worst:.2g}), more contacts (tolerance) or pinned vertices."
+        f"{start}: it slides. It takes a friction of about {needed:.2g} "
+        f"(now {least:.2g}), more contacts (tolerance) or pinned vertices."
     )
 
 

@@ -16,7 +16,9 @@ import scipy.sparse as sp
 from casashell.contact.detect import Contacts
 from casashell.engine.energy import Energy
 from casashell.engine.sparse_solver import make_solver
+from casashell.inverse.rigid import rigid_curvatures
 from casashell.inverse.stability import NEUTRAL as NEUTRAL
+from casashell.mesh import TriMesh
 from casashell.result import Certificate
 from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -95,6 +97,19 @@ def _interpreted(term: Energy, x: FloatArray, r: FloatArray, *, second: bool) ->
     return np.array(rows).reshape(len(rows), -1)
 
 
+def total_energy(energies: Sequence[Energy], x: FloatArray, r: FloatArray) -> float:
+    """Potential energy [J] at pose x and natural shape r, in plain NumPy."""
+    total = 0.0
+    for term in energies:
+        now, energy = _plain(term, x, r)
+        if energy is not None:
+            total += float(energy(now).sum())
+        else:
+            rows = zip(x[term.stencils], r[term.stencils], term.params, strict=True)
+            total += sum(float(term.density(xs.T, rs.T, ps)) for xs, rs, ps in rows)
+    return total
+
+
 def total_forces(energies: Sequence[Energy], x: FloatArray, r: FloatArray) -> FloatArray:
     """dE/dx (V,3) [N] at pose x and natural shape r."""
     total = np.zeros_like(x)
@@ -125,22 +140,28 @@ def stiffness_matrix(
     return sp.csr_array(sp.coo_array(entries, shape=(size, size)).tocsr())
 
 
-def _factor(matrix: sp.csr_array) -> tuple[Callable[[FloatArray], FloatArray], int]:
-    """Solve function and number of negative eigenvalues of a symmetric matrix."""
+def _factor(matrix: sp.csr_array) -> tuple[Callable[[FloatArray], FloatArray], int | None]:
+    """Solve function and number of negative eigenvalues (None: unknown) of a symmetric matrix.
+
+    Raises ArithmeticError for a singular matrix.
+    """
     from scipy.sparse.linalg import splu
 
     if matrix.shape[0] <= _SUPERLU_LIMIT:
-        lu = splu(
-            sp.csc_array(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        try:
+            lu = splu(
+                sp.csc_array(matrix),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise ArithmeticError(str(error)) from None
         if np.array_equal(lu.perm_r, lu.perm_c):  # no row exchanges: signs of U are the inertia
             return lu.solve, int(np.sum(lu.U.diagonal() < 0.0))
     solver = make_solver(matrix.indptr, matrix.indices, "symmetric")
     solver.factor(matrix.data)
-    return solver.solve, int(solver.negative_eigenvalues or 0)
+    return solver.solve, solver.negative_eigenvalues
 
 
 def lowest_eigenvalues(matrix: sp.csr_array, count: int) -> FloatArray:
@@ -152,12 +173,22 @@ def lowest_eigenvalues(matrix: sp.csr_array, count: int) -> FloatArray:
         return np.array([np.inf])
     if size <= 200:
         return np.asarray(np.linalg.eigvalsh(matrix.toarray())[:count])
-    shift = -1e-8 * float(np.abs(matrix.diagonal()).mean())
-    for _ in range(40):
-        solve, negative = _factor(sp.csr_array(matrix - shift * sp.eye_array(size)))
+    scale = float(np.abs(matrix.diagonal()).mean())
+    if scale == 0.0:
+        return np.zeros(min(count, size))
+    # Below everything in the spectrum, "nearest to the shift" means "lowest".  Inertia tells how
+    # far down that is; Gershgorin's discs do when it is not known.
+    lowest_disc = float((matrix.diagonal() - _off_diagonal(matrix)).min()) - 1e-8 * scale
+    solve: Callable[[FloatArray], FloatArray] | None = None
+    for shift in (*(-1e-8 * scale * 8.0**k for k in range(12)), lowest_disc):
+        try:
+            solve, negative = _factor(sp.csr_array(matrix - shift * sp.eye_array(size)))
+        except ArithmeticError:
+            continue
         if negative == 0:
             break
-        shift *= 8.0
+    if solve is None:
+        return np.array([-np.inf])
     operator = spla.LinearOperator((size, size), matvec=solve, dtype=np.float64)
     start = np.random.default_rng(1).standard_normal(size)
     try:
@@ -167,6 +198,11 @@ def lowest_eigenvalues(matrix: sp.csr_array, count: int) -> FloatArray:
     except spla.ArpackNoConvergence as error:
         values = error.eigenvalues if len(error.eigenvalues) else np.array([-np.inf])
     return np.sort(values)
+
+
+def _off_diagonal(matrix: sp.csr_array) -> FloatArray:
+    """Sum of the absolute values off the diagonal, per row."""
+    return np.asarray(abs(matrix).sum(axis=1).ravel() - np.abs(matrix.diagonal()))
 
 
 def cone_numbers(contacts: Contacts, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -219,17 +255,22 @@ def certify(
     dofs = np.flatnonzero(np.repeat(free, 3))
     matrix = sp.csr_array(stiffness_matrix(energies, pose, rest, h)[dofs][:, dofs])
     lowest = float(lowest_eigenvalues(matrix, 1)[0])
-    neutral = 0
-    if abs(lowest) * h / f0 <= NEUTRAL:
+    # Rounding in the Hessian can hide a rigid motion that nothing resists; the energy cannot.
+    rigid = rigid_curvatures(energies, lambda x: total_energy(energies, x, rest), pose, ~free)
+    neutral = int(np.sum(np.abs(rigid) * h / f0 <= NEUTRAL))
+    lowest = min(lowest, float(rigid.min(initial=np.inf)))
+    if not neutral and abs(lowest) * h / f0 <= NEUTRAL:
         several = lowest_eigenvalues(matrix, min(6, max(1, len(dofs) - 1)))
         neutral = int(np.sum(np.abs(several) * h / f0 <= NEUTRAL))
+    nothing_free = lowest == np.inf
+    lowest = lowest if np.isfinite(lowest) else np.nan
     touched = len(contacts.vertices) > 0
     certificate = Certificate(
         free_force=float(np.abs(unbalanced).max(initial=0.0)) / f0,
         cone_margin=_above_rounding(float(slack.min()) / f0) if touched else None,
         min_normal_force=float(normal.min()) / f0 if touched else None,
-        min_eigenvalue=lowest if np.isfinite(lowest) else None,
-        min_eigenvalue_scaled=lowest * h / f0 if np.isfinite(lowest) else None,
+        min_eigenvalue=None if nothing_free else lowest,
+        min_eigenvalue_scaled=None if nothing_free else lowest * h / f0,
         target_distance=float(np.abs(pose - target).max()) / diagonal,
         f0=f0,
         h=h,
@@ -237,6 +278,11 @@ def certify(
         evaluator="numpy" if all(t.reference for t in energies) else "casadi",
     )
     return certificate, forces
+
+
+def no_certificate(target: TriMesh) -> Certificate:
+    """What stands in for a certificate that was not computed."""
+    return Certificate(None, None, None, None, None, None, 1.0, float(target.mean_edge_length))
 
 
 def scale_of_forces(energies: Sequence[Energy], target: FloatArray) -> float:

@@ -102,9 +102,9 @@ class DirectSolver:
         """Climb the ladder; the outcome is also in ``best`` after every rung."""
         if len(self.piece.held) == 0 and self.piece.loads.any():
             self.notes.append("nothing holds this part: no pins, no contacts")
-            motion = np.broadcast_to(self.piece.loads.sum(axis=0), self.piece.target.shape)
-            self.best = replace(self.best, obstruction=np.array(motion))
-            return self.best
+            self.best = replace(self.best, obstruction=rigid_obstruction(self.piece))
+            if self.best.obstruction is not None:
+                return self.best
         for name, forces in self._rungs():
             outcome = self._invert(name, forces)
             if outcome.good or outcome.rank > self.best.rank or self.best.rung == "start":
@@ -136,8 +136,11 @@ class DirectSolver:
         if tried is None:
             return  # no rigid balance: no other program can find one either
         yield "projected reactions", lambda loads: project_reactions(piece, wanted, loads, shrink)
-        self.report(Step("stress program", 0.0, 0, np.nan, 0.0))
         program = StressProgram(piece)
+        if not program.complete:
+            self.notes.append("no stress program: not every energy has a strain measure")
+            return
+        self.report(Step("stress program", 0.0, 0, np.nan, 0.0))
         cuts: list[FloatArray] = []
         delta = 0.0
         for round_ in range(MAX_CUT_ROUNDS):

@@ -183,17 +183,20 @@ def balance_rows(piece: Piece, frames: sp.csr_array, loads: FloatArray) -> Block
 def rigid_obstruction(piece: Piece) -> FloatArray | None:
     """A rigid motion z (n,3) that proves that no natural shape and no mass can hold the target.
 
-    Along z no admissible contact force does negative work (n.z >= mu |z_T| at every contact) and
-    every vertex that has weight falls.  In balance the two would have to cancel, whatever the
-    stresses, the stiffness and the (positive) masses.  Re-checked in exact terms; None when not found.
+    Along z no admissible contact force does negative work (n.z >= mu |z_T| at every contact), pins
+    stay, and every load of every vertex does positive work.  In balance the two would have to cancel,
+    whatever the stresses, the stiffness and the (positive) masses.  Loads are taken to change with the
+    natural shape in size, not in direction.  Re-checked in exact terms; None when not found.
     """
     contacts, modes = piece.contacts, piece.rigid_modes
-    loads = piece.loads / piece.f0
-    heavy = np.linalg.norm(loads, axis=1) > 0.0
-    if modes.shape[1] == 0 or not heavy.any():
+    if modes.shape[1] == 0 or not piece.loads.any() or not piece.elastic_terms_are_blind:
         return None
     by_vertex = modes.reshape(len(piece.target), 3, -1)
-    work = np.einsum("ni,nid->nd", loads, by_vertex)[heavy]
+    loose = np.setdiff1d(np.arange(len(piece.target)), piece.pinned)
+    work = np.concatenate(
+        [np.einsum("ni,nid->nd", load[loose], by_vertex[loose]) for load in piece.load_terms]
+    )
+    work = work[np.abs(work).max(axis=1) > 0.0] / piece.f0
     # Maximise s with work.z >= s per vertex, n.z - mu |z_T| >= margin per contact, |z| <= 1.
     d = modes.shape[1]
     falls = sp.csr_array(np.hstack([-work, np.ones((len(work), 1))]))
@@ -209,6 +212,7 @@ def rigid_obstruction(piece: Piece) -> FloatArray | None:
     if found is None or found[-1] <= 0.0:
         return None
     motion = np.asarray((modes @ found[:d]).reshape(-1, 3))
+    motion[piece.pinned] = 0.0
     return motion if is_obstruction(piece, motion) else None
 
 
@@ -233,10 +237,12 @@ def _lifting_rows(contacts: Contacts, modes: FloatArray) -> Block:
 def is_obstruction(piece: Piece, motion: FloatArray) -> bool:
     """Plain check of the proof of `rigid_obstruction`: strict signs, nothing but arithmetic."""
     contacts = piece.contacts
-    falls = (piece.loads * motion).sum(axis=1)
-    heavy = np.linalg.norm(piece.loads, axis=1) > 0.0
+    loose = np.setdiff1d(np.arange(len(piece.target)), piece.pinned)
+    for load in piece.load_terms:
+        loaded = loose[np.linalg.norm(load[loose], axis=1) > 0.0]
+        if not np.all((load[loaded] * motion[loaded]).sum(axis=1) > 0.0):
+            return False
     z = motion[contacts.vertices]
     normal = (z * contacts.normals).sum(axis=1)
     tangent = np.linalg.norm(z - normal[:, None] * contacts.normals, axis=1)
-    lifts = normal - contacts.friction * tangent
-    return bool(np.all(falls[heavy] > 0.0) and np.all(lifts > 0.0))
+    return bool(np.all(normal - contacts.friction * tangent > 0.0))

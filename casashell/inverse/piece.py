@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from casashell.contact.detect import Contacts
 from casashell.engine.assembly import Assembly
 from casashell.engine.energy import Energy
+from casashell.inverse.rigid import is_blind, parts_of
 from casashell.problem import Problem
 from casashell.typing import FloatArray, IntArray
 
@@ -25,7 +25,6 @@ class Piece:
                coordinates, so a piece is solved near the origin
     target     (n,3) m, relative to the origin (exactly)
     edges      (E,2) mesh edges, for measuring how far a step distorts the mesh
-    f0, h      force and length that tolerances are relative to, those of the whole problem
     """
 
     vertices: IntArray
@@ -36,13 +35,43 @@ class Piece:
     assembly: Assembly
     contacts: Contacts
     pinned: IntArray
-    f0: float
-    h: float
+
+    @cached_property
+    def f0(self) -> float:
+        """Mean nodal weight [N], which tolerances on forces are relative to; 1 N without weight."""
+        weight = float(np.linalg.norm(self.loads, axis=1).mean())
+        return weight if weight > 0.0 else 1.0
+
+    @cached_property
+    def h(self) -> float:
+        """Mean edge length [m]."""
+        ends = self.target[self.edges]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        return float(lengths.mean()) if len(lengths) else 1.0
 
     @cached_property
     def loads(self) -> FloatArray:
         """External force on every vertex at the target (n,3) [N]."""
         return self.assembly.nodal_loads(self.target)
+
+    @cached_property
+    def load_terms(self) -> tuple[FloatArray, ...]:
+        """The same for each load term by itself."""
+        loads = [term for term in self.assembly.energies if term.load]
+        count = len(self.target)
+        return tuple(Assembly([term], count).nodal_loads(self.target) for term in loads)
+
+    @cached_property
+    def elastic_terms_are_blind(self) -> bool:
+        """Whether no energy but the loads feels a rigid motion; springs to the world do."""
+        count = len(self.target)
+        rng = np.random.default_rng(0)
+        strained = 1.1 * self.target + 0.01 * self.h * rng.standard_normal(self.target.shape)
+        return all(
+            is_blind(Assembly([term], count).gradient(strained, self.target), strained)
+            for term in self.assembly.energies
+            if not term.load
+        )
 
     @cached_property
     def held(self) -> IntArray:
@@ -88,36 +117,27 @@ def rigid_modes(points: FloatArray) -> FloatArray:
     return modes.reshape(-1, 6)
 
 
-def scales(problem: Problem, assembly: Assembly) -> tuple[float, float]:
-    """f0 [N], the mean nodal weight (1 N without weight), and h [m], the mean edge length."""
-    loads = assembly.nodal_loads(problem.target.vertices)
-    weight = float(np.linalg.norm(loads, axis=1).mean())
-    return weight if weight > 0.0 else 1.0, float(problem.target.mean_edge_length)
+def _origin(points: FloatArray, assembly: Assembly) -> FloatArray:
+    """Where to solve a piece from: its middle, or zero when an energy feels its place in space.
 
-
-def labels_of_parts(problem: Problem) -> tuple[int, IntArray]:
-    """Parts of the shell that no energy couples: count and the part of every vertex."""
-    from scipy.sparse.csgraph import connected_components  # slow to import
-
-    count = len(problem.target.vertices)
-    rows, columns = [problem.target.faces[:, 0]] * 2, list(problem.target.faces[:, 1:].T)
-    for term in problem.energies:
-        for other in term.stencils.T[1:]:
-            rows.append(term.stencils[:, 0])
-            columns.append(other)
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    graph = sp.coo_array((np.ones(len(row)), (row, column)), shape=(count, count))
-    parts, labels = connected_components(graph.tocsr(), directed=False)
-    return int(parts), labels.astype(np.int64)
+    A multiple of the unit in the last place of the points, so that subtracting it is exact.
+    """
+    middle = np.asarray(np.round(points.mean(axis=0) * 2.0**20) / 2.0**20)
+    strained = points + 0.05 * (points - middle)
+    here = assembly.gradient(strained, points)
+    there = assembly.gradient(strained - middle, points - middle)
+    same = np.abs(here - there).max(initial=0.0) <= 1e-6 * np.abs(here).max(initial=0.0)
+    return middle if same else np.zeros(3)
 
 
 def split(problem: Problem, *, interpreted: bool = False) -> Iterator[Piece]:
     """Independent pieces of ``problem``; one piece shares all arrays when there is only one."""
     points = problem.target.vertices
     whole = Assembly(problem.energies, len(points), interpreted=interpreted)
-    f0, h = scales(problem, whole)
     pinned = np.asarray(problem.pinned)
-    count, labels = labels_of_parts(problem)
+    stencils = [problem.target.faces, *(term.stencils for term in problem.energies)]
+    labels = parts_of(stencils, len(points))
+    count = int(labels.max()) + 1
     for part in range(count):
         ids = np.flatnonzero(labels == part)
         renumber = np.full(len(points), -1, dtype=np.int64)
@@ -126,8 +146,8 @@ def split(problem: Problem, *, interpreted: bool = False) -> Iterator[Piece]:
             term.restricted(labels[term.stencils[:, 0]] == part, renumber)
             for term in problem.energies
         )
-        # A multiple of the unit in the last place of the points, so that the subtraction is exact.
-        origin = np.round(points[ids].mean(axis=0) * 2.0**20) / 2.0**20
+        assembly = whole if count == 1 else Assembly(energies, len(ids), interpreted=interpreted)
+        origin = _origin(points[ids], assembly)
         contacts = problem.contacts.subset(labels[problem.contacts.vertices] == part)
         edges = problem.target.edges
         yield Piece(
@@ -136,9 +156,7 @@ def split(problem: Problem, *, interpreted: bool = False) -> Iterator[Piece]:
             target=np.ascontiguousarray(points[ids] - origin),
             edges=renumber[edges[labels[edges[:, 0]] == part]],
             energies=energies,
-            assembly=whole if count == 1 else Assembly(energies, len(ids), interpreted=interpreted),
+            assembly=assembly,
             contacts=replace(contacts, vertices=renumber[contacts.vertices]),
             pinned=renumber[pinned[labels[pinned] == part]],
-            f0=f0,
-            h=h,
         )

@@ -39,7 +39,7 @@ def lowest_eigenpairs(matrix: sp.csr_array, count: int) -> tuple[FloatArray, Flo
     """Algebraically lowest eigenpairs of a symmetric matrix, indefinite or not.
 
     Shift-and-invert Lanczos just below the spectrum: the shift is lowered until the inertia says that
-    nothing lies beneath it, so that "nearest to the shift" means "lowest".
+    nothing lies beneath it (Gershgorin's discs say so last), so that "nearest" means "lowest".
     """
     import scipy.sparse.linalg as spla
 
@@ -54,17 +54,18 @@ def lowest_eigenpairs(matrix: sp.csr_array, count: int) -> tuple[FloatArray, Flo
     rows = np.repeat(np.arange(size), np.diff(matrix.indptr))
     at = np.flatnonzero(rows == matrix.indices)
     scale = float(np.abs(diagonal).mean())
-    shift = -1e-7 * scale
-    for _ in range(40):
+    if scale == 0.0:
+        return np.zeros(count), np.eye(size, count)
+    lowest_disc = float((2.0 * diagonal - np.asarray(abs(matrix).sum(axis=1)).ravel()).min())
+    for shift in (*(-1e-7 * scale * 4.0**k for k in range(16)), min(lowest_disc, 0.0) - scale):
         data = matrix.data.copy()
         data[at] -= shift
         try:
             solver.factor(data)
-            if not solver.negative_eigenvalues:
-                break
         except SingularMatrix:
-            pass
-        shift *= 4.0
+            continue
+        if solver.negative_eigenvalues == 0:
+            break
     operator = spla.LinearOperator((size, size), matvec=solver.solve, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(size)
     try:

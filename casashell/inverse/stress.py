@@ -63,6 +63,12 @@ class StressProgram:
             if t.measure is not None and not t.load and len(t.stencils)
         ]
 
+    @property
+    def complete(self) -> bool:
+        """Whether every energy that is not a load enters the program."""
+        internal = [t for t in self.piece.assembly.energies if not t.load]
+        return bool(self.terms) and len(self.terms) == len(internal)
+
     def _kernel(self, term: Energy, name: str, use_measure: bool) -> tuple[FloatArray, ...]:
         target, interpreted = self.piece.target, self.piece.assembly.interpreted
         if use_measure:

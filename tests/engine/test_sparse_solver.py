@@ -111,7 +111,10 @@ def test_inertia_counts_negative_eigenvalues(
     solver.factor(matrix.data)
     negative = int(np.sum(np.linalg.eigvalsh(matrix.toarray()) < 0.0))
     assert 0 < negative < matrix.shape[0]
-    assert solver.negative_eigenvalues == (None if backend == "superlu" else negative)
+    # SuperLU knows it only when it exchanged no rows; what it says then is right.
+    assert solver.negative_eigenvalues in (
+        (negative, None) if backend == "superlu" else (negative,)
+    )
     general = _solver(matrix, "general", backend)
     general.factor(matrix.data)
     assert general.negative_eigenvalues is None
