@@ -10,7 +10,9 @@ import numpy as np
 
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
 from casashell.inverse.certificate import certify, no_certificate
-from casashell.inverse.direct import DirectSolver, Outcome
+from casashell.inverse.direct import DirectSolver
+from casashell.inverse.load_path import Report
+from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
 from casashell.problem import Problem
@@ -18,7 +20,8 @@ from casashell.result import Certificate, Result, Step
 from casashell.status import Status
 from casashell.typing import AnyArray, FloatArray
 
-METHODS = ("auto", "direct")
+_SOLVERS: dict[str, Callable[[Piece, Report], PieceSolver]] = {"direct": DirectSolver}
+METHODS = ("auto", *_SOLVERS)
 Callback = Callable[[Step], None]
 
 
@@ -27,11 +30,12 @@ class _Run:
     """What a solve has gathered so far; survives an interrupt."""
 
     problem: Problem
+    method: str
     callback: Callback | None
     started: float = field(default_factory=time.perf_counter)
     history: list[Step] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
-    solvers: list[DirectSolver] = field(default_factory=list)
+    solvers: list[PieceSolver] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
     interrupted: bool = False
@@ -77,7 +81,7 @@ def solve(
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}; got '{method}'")
-    run = _Run(problem, callback)
+    run = _Run(problem, "direct" if method == "auto" else method, callback)
     try:
         begin = time.perf_counter()
         contacts = problem.contacts
@@ -96,7 +100,7 @@ def solve(
                 "against sliding along the obstacle is not part of the certificate"
             )
         for piece in run.pieces:
-            run.solvers.append(DirectSolver(piece, run.report))
+            run.solvers.append(_SOLVERS[run.method](piece, run.report))
             run.solvers[-1].run()
         run.clock("solve", begin)
     except KeyboardInterrupt:
@@ -104,29 +108,33 @@ def solve(
     return _finish(run)
 
 
-def _gathered(run: _Run, *, in_place: bool = True) -> tuple[FloatArray, FloatArray, list[Outcome]]:
-    """Rest positions and contact forces of the whole mesh from those of the pieces.
+def _gathered(
+    run: _Run, *, in_place: bool = True
+) -> tuple[FloatArray, FloatArray, FloatArray, list[Outcome]]:
+    """Natural shape, pose and contact forces of the whole mesh from those of the pieces.
 
     in_place  False leaves natural shapes near the origin, where their coordinates round least
     """
     target, contacts = run.problem.target.vertices, run.problem.contacts
-    rest, forces = target.copy(), np.zeros((len(contacts), 3))
+    rest, pose, forces = target.copy(), target.copy(), np.zeros((len(contacts), 3))
     outcomes = []
     for piece, solver in zip(run.pieces, run.solvers, strict=False):
         outcome = solver.salvage() if run.interrupted else solver.best
         outcomes.append(outcome)
         rest[piece.vertices] = outcome.rest + (piece.origin if in_place else 0.0)
+        if outcome.pose is not piece.target:
+            pose[piece.vertices] = outcome.pose + piece.origin
         mine = np.isin(contacts.vertices, piece.vertices)
         forces[mine] = outcome.contact_forces
-    return rest, forces, outcomes
+    return rest, pose, forces, outcomes
 
 
 def _finish(run: _Run) -> Result:
     problem, contacts = run.problem, run.problem.contacts
-    rest, contact_forces, outcomes = _gathered(run)
+    rest, pose, contact_forces, outcomes = _gathered(run)
     begin = time.perf_counter()
     try:
-        certificate, forces = _certificate(run, rest, contact_forces)
+        certificate, forces = _certificate(run, rest, pose, contact_forces)
     except KeyboardInterrupt:
         run.interrupted = True
         certificate, forces = no_certificate(problem.target), np.full_like(rest, np.nan)
@@ -137,8 +145,8 @@ def _finish(run: _Run) -> Result:
             "natural shape moved to the origin: at the target's place the rounding of its coordinates "
             f"leaves {certificate.free_force:.1e} of a nodal weight"
         )
-        rest, _, _ = _gathered(run, in_place=False)
-        certificate, forces = _certificate(run, rest, contact_forces)
+        rest, _, _, _ = _gathered(run, in_place=False)
+        certificate, forces = _certificate(run, rest, pose, contact_forces)
     begin = run.clock("certificate", begin)
     quality = assess(problem.target, rest)
     run.clock("quality", begin)
@@ -153,10 +161,10 @@ def _finish(run: _Run) -> Result:
     return Result(
         status=status,
         advice=advice,
-        method="direct",
+        method=run.method,
         target=problem.target,
         rest=rest,
-        pose=problem.target.vertices.copy(),
+        pose=pose,
         contacts=contacts,
         pinned=np.asarray(problem.pinned),
         contact_forces=contact_forces,
@@ -169,20 +177,20 @@ def _finish(run: _Run) -> Result:
         history=tuple(run.history),
         notes=tuple(run.notes),
         seconds=time.perf_counter() - run.started,
-        iterations=sum(s.path.iterations for s in run.solvers),
-        factorizations=sum(s.path.factorizations for s in run.solvers),
+        iterations=sum(s.iterations for s in run.solvers),
+        factorizations=sum(s.factorizations for s in run.solvers),
         timings=dict(run.timings),
     )
 
 
 def _certificate(
-    run: _Run, rest: FloatArray, contact_forces: FloatArray
+    run: _Run, rest: FloatArray, pose: FloatArray, contact_forces: FloatArray
 ) -> tuple[Certificate, FloatArray]:
     problem = run.problem
     return certify(
         problem.energies,
         problem.target.vertices,
-        problem.target.vertices,
+        pose,
         rest,
         problem.contacts,
         contact_forces,

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from casashell.inverse.direct import Outcome
 from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
+from casashell.inverse.outcome import Outcome
 from casashell.inverse.piece import Piece
 from casashell.inverse.stability import NEUTRAL
 from casashell.problem import Problem

@@ -10,7 +10,7 @@ Masses move with the natural shape, so the forces of a rung are rebalanced once 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,62 +24,15 @@ from casashell.inverse.forces import (
     rigid_obstruction,
 )
 from casashell.inverse.load_path import LoadPath, PathPoint, Report
+from casashell.inverse.outcome import ROUNDING_OF_CONES, Outcome, starting_outcome
 from casashell.inverse.piece import Piece
-from casashell.inverse.stability import NEUTRAL, lowest_modes
+from casashell.inverse.stability import lowest_modes
 from casashell.inverse.stress import StressProgram
 from casashell.result import Step
 from casashell.typing import BoolArray, FloatArray
 
-#: Residual / f0 of an equilibrium, a little inside what a certificate asks for.
-BALANCED = 5e-7
-#: Cone violation / f0 that is rounding: the margin of a frictionless contact is zero at best.
-ROUNDING_OF_CONES = 1e-12
 MASS_ROUNDS = 4
 MAX_CUT_ROUNDS = 6
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What direct inversion found for a piece.
-
-    rest             (n,3) m
-    contact_forces   (C,3) N, on the shell
-    load             share of the load reached, 1 for an equilibrium
-    residual         what Newton left of its equations, / f0
-    missing          largest force on a vertex that nothing holds, / f0
-    cone_margin      least of mu f_N - |f_T| and f_N over the contacts, / f0
-    eigenvalue       lowest eigenvalue of the free Hessian as the solver sees it, times h / f0
-    rung             which forces: a rung of the ladder, or "start" before any
-    obstruction      rigid motion that proves infeasibility, or None
-    """
-
-    rest: FloatArray
-    contact_forces: FloatArray
-    load: float
-    residual: float
-    missing: float
-    cone_margin: float
-    eigenvalue: float
-    rung: str
-    obstruction: FloatArray | None = None
-
-    @property
-    def balanced(self) -> bool:
-        """Full load carried, to rounding, by contacts and pins alone."""
-        return self.load == 1.0 and max(self.residual, self.missing) <= BALANCED
-
-    @property
-    def good(self) -> bool:
-        """A stable equilibrium with every contact force strictly inside its cone."""
-        return (
-            self.balanced and self.cone_margin >= -ROUNDING_OF_CONES and self.eigenvalue > NEUTRAL
-        )
-
-    @property
-    def rank(self) -> tuple[bool, float, float, float]:
-        """Order of preference among outcomes that are not good."""
-        balanced = self.balanced
-        return balanced, self.load, min(self.cone_margin, 0.0), min(self.eigenvalue, 0.0)
 
 
 class DirectSolver:
@@ -89,14 +42,19 @@ class DirectSolver:
         self.piece = piece
         self.report = report
         self.path = LoadPath(piece, report)
-        self.best = self._start()
+        self.best = starting_outcome(self.piece)
         self.last = self.best
         self.notes: list[str] = []
 
-    def _start(self) -> Outcome:
-        """The target itself, which is what is known before any work."""
-        nothing = np.zeros((len(self.piece.contacts.vertices), 3))
-        return Outcome(self.piece.target, nothing, 0.0, np.inf, np.inf, -np.inf, -np.inf, "start")
+    @property
+    def iterations(self) -> int:
+        """Newton iterations so far."""
+        return self.path.iterations
+
+    @property
+    def factorizations(self) -> int:
+        """Factorisations of the bordered system so far."""
+        return self.path.factorizations
 
     def run(self) -> Outcome:
         """Climb the ladder; the outcome is also in ``best`` after every rung."""
@@ -185,7 +143,7 @@ class DirectSolver:
             if point.load < 1.0 or outcome.cone_margin >= -ROUNDING_OF_CONES:
                 break
             loads = piece.assembly.nodal_loads(point.rest)
-        return outcome if outcome is not None else self._start()
+        return outcome if outcome is not None else starting_outcome(self.piece)
 
     def _outcome(self, name: str, point: PathPoint, forces: FloatArray) -> Outcome:
         piece, contacts = self.piece, self.piece.contacts
@@ -206,6 +164,7 @@ class DirectSolver:
             )
         outcome = Outcome(
             rest=point.rest,
+            pose=piece.target,
             contact_forces=felt,
             load=point.load,
             residual=point.residual,
