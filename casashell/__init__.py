@@ -1,7 +1,6 @@
 """Natural shapes of elastic shells in frictional contact.
 
-from casashell import Problem, MeshObstacle, read_mesh, solve
-from formulations import discrete_shell
+The machine; the physics is in the package ``formulations`` beside it.
 """
 
 from casashell.contact.detect import Contacts

@@ -58,12 +58,7 @@ class Problem:
         if len(set(names)) != len(names):
             raise ValueError(f"energies must have different names, got {', '.join(names)}")
         for term in self.energies:
-            wrong = term.stencils[(term.stencils < 0) | (term.stencils >= count)]
-            if wrong.size:
-                raise ValueError(
-                    f"energy '{term.name}' refers to vertex {int(wrong[np.argmax(np.abs(wrong))])}, "
-                    f"the target has {count}: was it built for another mesh?"
-                )
+            term.require_vertices(count)
         object.__setattr__(self, "friction", self._checked_friction())
         tolerance = self.contact_tolerance
         if tolerance is not None and not (np.isfinite(tolerance) and tolerance >= 0.0):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casashell.io.strain import (
+from casashell.mesh import TriMesh
+from casashell.strain import (
     angle_change,
     dihedral_angles,
     face_means,
@@ -13,7 +14,6 @@ from casashell.io.strain import (
     strain,
     vertex_means,
 )
-from casashell.mesh import TriMesh
 from casashell.typing import FloatArray
 
 # Two triangles over the unit square, sharing the edge 0-1 along x.

@@ -54,12 +54,7 @@ class Assembly:
         self.interpreted = interpreted
         self._scatter: dict[int, IntArray] = {}
         for term in self.energies:
-            wrong = term.stencils[(term.stencils < 0) | (term.stencils >= count)]
-            if wrong.size:
-                raise ValueError(
-                    f"energy '{term.name}' refers to vertex {int(wrong.flat[0])}, "
-                    f"ids go from 0 to {count - 1}"
-                )
+            term.require_vertices(count)
 
     def _kernel(self, term: Energy, name: str) -> Kernel:
         return get_kernel(term.density, name, interpreted=self.interpreted)

@@ -75,6 +75,15 @@ class Energy:
         """Number of vertices of one stencil."""
         return int(self.stencils.shape[1])
 
+    def require_vertices(self, count: int) -> None:
+        """Raise ValueError when a stencil refers to a vertex outside 0 .. count - 1."""
+        wrong = self.stencils[(self.stencils < 0) | (self.stencils >= count)]
+        if wrong.size:
+            raise ValueError(
+                f"energy '{self.name}' refers to vertex {int(wrong[np.argmax(np.abs(wrong))])}, "
+                f"the target has {count}: was it built for another mesh?"
+            )
+
     def restricted(self, keep: AnyArray, renumber: IntArray) -> Energy:
         """The term on the stencils ``keep`` (mask or ids), with vertices renumbered."""
         return replace(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from casashell.io.strain import angle_change, relative_stretch
 from casashell.mesh import TriMesh
 from casashell.result import Quality
 from casashell.self_intersections import self_intersections
+from casashell.strain import angle_change, relative_stretch
 from casashell.typing import FloatArray, IntArray
 
 

@@ -26,11 +26,11 @@ from casashell.io.colours import (
 )
 from casashell.io.forces import BEYOND, ForceArrows, force_arrows
 from casashell.io.sheet import ColourBar, Panel, write_panel, write_sheet
-from casashell.io.strain import strain
 from casashell.io.studio import Curves, Dots, Layer, PicturesUnavailable, Studio
 from casashell.io.tessellate import Region, tessellate
 from casashell.mesh import TriMesh
 from casashell.result import Result
+from casashell.strain import strain
 from casashell.typing import AnyArray, FloatArray
 
 __all__ = ["PicturesUnavailable", "write_pictures"]

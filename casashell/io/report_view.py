@@ -23,9 +23,9 @@ from casashell.io.colours import (
     stretch_map,
 )
 from casashell.io.forces import BEYOND, force_arrows
-from casashell.io.strain import Strain, strain
 from casashell.io.tessellate import Region, Surface, cropped, sunk, tessellate, thinned
 from casashell.result import Result
+from casashell.strain import Strain, strain
 from casashell.typing import AnyArray, FloatArray
 
 # Limits that keep the file below about 8 MB, plotly.js included (5 MB of it).
