@@ -14,8 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from casashell.contact.cone import margin, project
-from casashell.contact.cone import split as split_force
 from casashell.inverse.forces import (
     SHRINKS,
     Shrink,
@@ -23,13 +21,13 @@ from casashell.inverse.forces import (
     project_reactions,
     rigid_obstruction,
 )
-from casashell.inverse.load_path import LoadPath, PathPoint, Report
-from casashell.inverse.outcome import ROUNDING_OF_CONES, Outcome, starting_outcome
+from casashell.inverse.load_path import LoadPath, Report
+from casashell.inverse.outcome import ROUNDING_OF_CONES, Outcome, judged, pushing, starting_outcome
 from casashell.inverse.piece import Piece
 from casashell.inverse.stability import lowest_modes
 from casashell.inverse.stress import StressProgram
 from casashell.result import Step
-from casashell.typing import BoolArray, FloatArray
+from casashell.typing import FloatArray
 
 MASS_ROUNDS = 4
 MAX_CUT_ROUNDS = 6
@@ -120,12 +118,10 @@ class DirectSolver:
     def _cut_directions(self, round_: int) -> list[FloatArray]:
         """Directions along which the last natural shape is not stable at the target."""
         piece = self.piece
-        _, modes = lowest_modes(piece, self.last.rest, self._active(self.last), 2 if round_ else 3)
+        _, modes = lowest_modes(
+            piece, self.last.rest, pushing(piece, self.last.contact_forces), 2 if round_ else 3
+        )
         return [mode.reshape(-1, 3) for mode in modes.T]
-
-    def _active(self, outcome: Outcome) -> BoolArray:
-        normal, _ = split_force(outcome.contact_forces, self.piece.contacts.normals)
-        return normal > 1e-6 * self.piece.f0
 
     def _invert(self, name: str, choose: ForceChoice) -> Outcome:
         """Follow the load path with the forces of one rung, rebalanced as the masses move."""
@@ -137,54 +133,15 @@ class DirectSolver:
             if forces is None:
                 break
             point = self.path.follow(piece.spread(forces), point)
-            outcome = self._outcome(name, point, forces)
+            outcome = judged(
+                piece, point.rest, forces, name, load=point.load, residual=point.residual
+            )
             self.last = outcome
             self.report(Step(name, point.load, round_, point.residual, 0.0))
             if point.load < 1.0 or outcome.cone_margin >= -ROUNDING_OF_CONES:
                 break
             loads = piece.assembly.nodal_loads(point.rest)
         return outcome if outcome is not None else starting_outcome(self.piece)
-
-    def _outcome(self, name: str, point: PathPoint, forces: FloatArray) -> Outcome:
-        piece, contacts = self.piece, self.piece.contacts
-        total = piece.assembly.gradient(piece.target, point.rest, point.load)
-        carried = point.load * piece.spread(forces)
-        held = np.zeros(len(piece.target), dtype=bool)
-        held[piece.held] = True
-        missing = float(np.abs(total[~held]).max(initial=0.0)) / piece.f0
-        at = contacts.vertices
-        share = np.bincount(at, minlength=len(piece.target))[at] if len(at) else np.ones(0)
-        felt = point.load * forces + (total - carried)[at] / share[:, None]
-        felt = _snapped(felt, piece)
-        inside = np.inf
-        if len(at):
-            normal, _ = split_force(felt, contacts.normals)
-            inside = min(
-                float(margin(felt, contacts.normals, contacts.friction).min()), float(normal.min())
-            )
-        outcome = Outcome(
-            rest=point.rest,
-            pose=piece.target,
-            contact_forces=felt,
-            load=point.load,
-            residual=point.residual,
-            missing=missing,
-            cone_margin=inside / piece.f0,
-            eigenvalue=-np.inf,
-            rung=name,
-        )
-        if outcome.balanced:
-            values, _ = lowest_modes(piece, point.rest, self._active(outcome), 1)
-            outcome = replace(outcome, eigenvalue=float(values[0]) * piece.h / piece.f0)
-        return outcome
-
-
-def _snapped(forces: FloatArray, piece: Piece) -> FloatArray:
-    """Forces outside their cone by rounding alone put onto it: without friction that is all of them."""
-    contacts = piece.contacts
-    onto = project(forces, contacts.normals, contacts.friction)
-    near = np.linalg.norm(onto - forces, axis=1) <= 1e-8 * piece.f0
-    return np.where(near[:, None], onto, forces)
 
 
 ForceChoice = Callable[[FloatArray], "FloatArray | None"]

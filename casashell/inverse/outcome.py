@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
+from casashell.contact.cone import margin, project
+from casashell.contact.cone import split as split_force
 from casashell.inverse.piece import Piece
-from casashell.inverse.stability import NEUTRAL
-from casashell.typing import FloatArray
+from casashell.inverse.stability import NEUTRAL, lowest_modes
+from casashell.typing import BoolArray, FloatArray
 
 #: Residual / f0 of an equilibrium, a little inside what a certificate asks for.
 BALANCED = 5e-7
@@ -67,6 +69,66 @@ def starting_outcome(piece: Piece) -> Outcome:
     nothing = np.zeros((len(piece.contacts.vertices), 3))
     bad = (0.0, np.inf, np.inf, -np.inf, -np.inf)
     return Outcome(piece.target, piece.target, nothing, *bad, "start")
+
+
+def pushing(piece: Piece, contact_forces: FloatArray) -> BoolArray:
+    """Contacts (C,) that push hard enough to hold their vertex."""
+    normal, _ = split_force(contact_forces, piece.contacts.normals)
+    return np.asarray(normal > 1e-6 * piece.f0)
+
+
+def judged(
+    piece: Piece,
+    rest: FloatArray,
+    contact_forces: FloatArray,
+    rung: str,
+    *,
+    pose: FloatArray | None = None,
+    load: float = 1.0,
+    residual: float = 0.0,
+) -> Outcome:
+    """What a natural shape is worth with the contact forces meant for it.
+
+    contact_forces  (C,3) N at full load; what dE/dx differs from ``load`` times them is added to the
+                    contacts of its vertex
+    """
+    contacts, at = piece.contacts, piece.contacts.vertices
+    x = piece.target if pose is None else pose
+    total = piece.assembly.gradient(x, rest, load)
+    held = np.zeros(len(x), dtype=bool)
+    held[piece.held] = True
+    missing = float(np.abs(total[~held]).max(initial=0.0)) / piece.f0
+    share = np.bincount(at, minlength=len(x))[at] if len(at) else np.ones(0)
+    beyond = total - load * piece.spread(contact_forces)
+    felt = _snapped(load * contact_forces + beyond[at] / share[:, None], piece)
+    inside = np.inf
+    if len(at):
+        normal, _ = split_force(felt, contacts.normals)
+        slack = margin(felt, contacts.normals, contacts.friction)
+        inside = min(float(slack.min()), float(normal.min()))
+    outcome = Outcome(
+        rest=rest,
+        pose=x,
+        contact_forces=felt,
+        load=load,
+        residual=residual,
+        missing=missing,
+        cone_margin=inside / piece.f0,
+        eigenvalue=-np.inf,
+        rung=rung,
+    )
+    if outcome.balanced:
+        values, _ = lowest_modes(piece, rest, pushing(piece, felt), 1, x)
+        outcome = replace(outcome, eigenvalue=float(values[0]) * piece.h / piece.f0)
+    return outcome
+
+
+def _snapped(forces: FloatArray, piece: Piece) -> FloatArray:
+    """Forces outside their cone by rounding alone put onto it: without friction that is all of them."""
+    contacts = piece.contacts
+    onto = project(forces, contacts.normals, contacts.friction)
+    near = np.linalg.norm(onto - forces, axis=1) <= 1e-8 * piece.f0
+    return np.where(near[:, None], onto, forces)
 
 
 class PieceSolver(Protocol):

@@ -22,11 +22,18 @@ def free_dofs(piece: Piece, active: BoolArray) -> IntArray:
 
 
 def lowest_modes(
-    piece: Piece, rest: FloatArray, active: BoolArray, count: int
+    piece: Piece,
+    rest: FloatArray,
+    active: BoolArray,
+    count: int,
+    pose: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Lowest eigenvalues (count,) [N/m] and unit eigenvectors (3n, count) of the free Hessian."""
+    """Lowest eigenvalues (count,) [N/m] and unit eigenvectors (3n, count) of the free Hessian.
+
+    pose  (n,3) m, the target by default
+    """
     dofs = free_dofs(piece, active)
-    _, entries = piece.assembly.hessian(piece.target, rest)
+    _, entries = piece.assembly.hessian(piece.target if pose is None else pose, rest)
     full = piece.assembly.pattern.matrix(entries)
     matrix = sp.csr_array(full[dofs][:, dofs])
     values, vectors = lowest_eigenpairs(matrix, count)
