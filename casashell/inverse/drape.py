@@ -24,7 +24,7 @@ METHODS: tuple[DrapeMethod, ...] = ("newton", "newton-cg")
 TOLERANCE = 1e-9
 #: Force / f0 below which a drape that cannot get any lower has met rounding.
 ROUNDING = 1e-6
-#: Iterations one drape may spend, saddle points left behind included.
+#: Iterations one drape may spend.
 BUDGET = 200
 MAX_SADDLES = 8
 
@@ -101,18 +101,20 @@ class Draper:
         *,
         method: DrapeMethod = "newton",
         tolerance: float = TOLERANCE,
+        budget: int = BUDGET,
     ) -> Draped:
         """Local minimum of the energy of natural shape ``rest`` (n,3), downhill from ``start``.
 
         method     "newton": Newton with a shifted Hessian; "newton-cg": the paper's algorithm
         tolerance  largest force left at a free vertex, relative to f0
+        budget     iterations to spend, saddle points left behind included
         Never raises for poses or shapes whose energy is not finite; the result says so.  Raises
         ValueError for an unknown method.
         """
         if method not in METHODS:
             raise ValueError(f"drape method must be one of {', '.join(METHODS)}; got '{method}'")
         with np.errstate(all="ignore"):
-            return _Run(self, rest, method, tolerance).from_pose(start)
+            return _Run(self, rest, method, tolerance).from_pose(start, budget)
 
     def hold_factor(self, rest: FloatArray, pose: FloatArray) -> bool:
         """Make sure the factor is that of the Hessian at (pose, rest); False if not positive."""
@@ -165,12 +167,12 @@ class _Run:
         gradient, entries = self.pulled.hessian(x, self.rest)
         return _Point(x, self.pulled.energy(x, self.rest), self.system.restrict(gradient), entries)
 
-    def from_pose(self, start: FloatArray) -> Draped:
+    def from_pose(self, start: FloatArray, budget: int) -> Draped:
         """Downhill until forces vanish at a point with a positive Hessian."""
         point, saddles = self._at(np.array(start, dtype=np.float64)), 0
         if not (math.isfinite(point.energy) and math.isfinite(point.residual)):
             return self._end(point, 0, stable=False, converged=False)
-        for iteration in range(BUDGET):
+        for iteration in range(budget):
             self._tell(iteration, point)
             if point.residual <= self._goal(point):
                 beyond = self._settle(point) if saddles < MAX_SADDLES else None
@@ -182,7 +184,7 @@ class _Run:
             if beyond is None:
                 return self._finish(point, iteration)
             point = beyond
-        return self._end(point, BUDGET, stable=False, converged=False)
+        return self._end(point, budget, stable=False, converged=False)
 
     def _finish(self, point: _Point, iteration: int) -> Draped:
         small = point.residual <= max(self._goal(point), ROUNDING * self.f0)

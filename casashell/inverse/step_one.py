@@ -8,12 +8,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from casashell.inverse.adjoint import Adjoint, adjoint, carried_along
-from casashell.inverse.drape import TOLERANCE, Draped, DrapeMethod, Draper
+from casashell.inverse.drape import BUDGET, TOLERANCE, Draped, DrapeMethod, Draper
 from casashell.inverse.free_system import FreeSystem
+from casashell.inverse.inverse_hessian import DenseBfgs, LimitedBfgs, QuasiNewton
 from casashell.inverse.line_search import Trial, weak_wolfe
 from casashell.inverse.load_path import Report
 from casashell.inverse.pulled import Pulled
-from casashell.inverse.quasi_newton import DenseBfgs, LimitedBfgs, QuasiNewton
 from casashell.result import Step
 from casashell.typing import ArrayLike, FloatArray, IntArray
 
@@ -23,6 +23,10 @@ Reason: TypeAlias = Literal["target", "gradient", "step", "iterations", "stuck",
 
 #: Vertices up to which the inverse Hessian is kept dense: 160 MB.
 DENSE_UP_TO = 1500
+#: Iterations of a drape along a line: one that needs more has left for another minimum.
+TRIAL_BUDGET = 40
+#: Trials along a line, and iterations without Newton after it did not go down.
+NEWTON_TRIES, BFGS_TRIES, PAUSE = 5, 12, 5
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ class StepOne:
         self.tolerance = tolerance
         self.report = report
         self.best: StepOneShape | None = None
-        self.iterations = self.evaluations = 0
+        self.iterations = self.evaluations = self._resume = 0
         size = len(self.draper.system)
         limited = method == "l-bfgs" or (method != "bfgs" and len(self.target) > DENSE_UP_TO)
         self.curvature: QuasiNewton = LimitedBfgs() if limited else DenseBfgs(size)
@@ -132,7 +136,7 @@ class StepOne:
 
         Fixed vertices are put at the target in both.  Never raises for shapes that do not drape.
         """
-        self.best, self.iterations, self.evaluations = None, 0, 0
+        self.best, self.iterations, self.evaluations, self._resume = None, 0, 0, 0
         self.curvature.forget()
         fixed = self.draper.fixed
         rest, pose = np.array(rest0, dtype=np.float64), self.target.copy()
@@ -174,7 +178,7 @@ class StepOne:
             return "gradient"
         return "iterations" if self.iterations >= limits.iterations else None
 
-    def _evaluate(self, rest: FloatArray, start: FloatArray) -> _Point | None:
+    def _evaluate(self, rest: FloatArray, start: FloatArray, budget: int = BUDGET) -> _Point | None:
         """Drape and adjoint; None when there is no minimum to be found."""
         self.evaluations += 1
         draped = self.draper.drape(rest, start, method=self.drape_method, tolerance=self.tolerance)
@@ -191,8 +195,9 @@ class StepOne:
         """Next shape along the first direction that lowers J; curvature learned on the way."""
         system = self.draper.system
         gradient = system.restrict(point.adjoint.gradient)
-        reached = self._search(point, self._newton_move(point))
+        reached = self._search(point, self._newton_move(point), NEWTON_TRIES)
         if reached is None:
+            self._resume = max(self._resume, self.iterations + PAUSE)
             reached = self._search(point, system.extend(-self.curvature.times(gradient)))
         if reached is None and not self._mixed:
             self.curvature.forget()
@@ -206,14 +211,18 @@ class StepOne:
 
     def _newton_move(self, point: _Point) -> FloatArray | None:
         """Solution of DΦ move = x_t - Φ, which is M move = H (Φ - x_t); None when M is singular."""
-        if self._mixed is None or not self._mixed.factor(point.adjoint.mixed):
+        if self._mixed is None or self.iterations < self._resume:
+            return None
+        if not self._mixed.factor(point.adjoint.mixed):
             return None
         system = self.draper.system
         away = system.restrict(point.draped.pose - self.target)
         _, entries = self.draper.pulled.hessian(point.draped.pose, point.rest)
         return system.extend(self._mixed.solve(system.matrix(entries) @ away))
 
-    def _search(self, point: _Point, move: FloatArray | None) -> _Point | None:
+    def _search(
+        self, point: _Point, move: FloatArray | None, tries: int = BFGS_TRIES
+    ) -> _Point | None:
         if move is None or not np.all(np.isfinite(move)):
             return None
         slope = float(np.vdot(point.adjoint.gradient, move))
@@ -225,15 +234,15 @@ class StepOne:
 
         def trial(t: float) -> Trial:
             rest = point.rest + t * move
-            found = self._evaluate(rest, point.draped.pose + t * follow)
-            found = found or self._evaluate(rest, self.target)
+            found = self._evaluate(rest, point.draped.pose + t * follow, TRIAL_BUDGET)
+            found = found or self._evaluate(rest, self.target, TRIAL_BUDGET)
             if found is None:
                 return Trial(t, np.inf, np.inf)
             tried[t] = found
             return Trial(t, found.adjoint.distance, float(np.vdot(found.adjoint.gradient, move)))
 
         here = Trial(0.0, point.adjoint.distance, slope)
-        chosen = weak_wolfe(trial, here, longest=longest, tries=15)
+        chosen = weak_wolfe(trial, here, longest=longest, tries=tries)
         return None if chosen is None else tried[chosen.step]
 
     def _keep(self, point: _Point, reason: Reason) -> StepOneShape:
