@@ -1,93 +1,172 @@
-"""Inverse Hessian approximations from gradients: BFGS, dense or with limited memory.
-
-Both start from the identity (Nocedal and Wright 2006, Secs. 6.1 and 7.2).
-"""
+"""BFGS with backtracking for smooth, or nearly smooth, functions of many variables."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from casashell.typing import FloatArray
 
-#: Curvature s.y below this share of |s||y| is rounding or a kink and is not learned from.
-CURVATURE = 1e-12
+Function = Callable[[FloatArray], tuple[float, FloatArray]]
+Report = Callable[[int, FloatArray, float], None]
+
+_ARMIJO, _SHORTEST = 1e-4, 2.0**-40
 
 
-class QuasiNewton(Protocol):
-    """Approximate inverse Hessian of a function of m variables."""
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent ended; ``reason`` is "goal", "flat", "no lower point" or "iteration limit"."""
 
-    def times(self, gradient: FloatArray) -> FloatArray:
-        """Approximate inverse Hessian times a vector (m,)."""
-
-    def learn(self, step: FloatArray, change: FloatArray) -> None:
-        """Take in a step (m,) and the change of the gradient along it (m,)."""
-
-    def forget(self) -> None:
-        """Go back to the identity."""
+    x: FloatArray
+    value: float
+    slope: FloatArray
+    iterations: int
+    reason: str
 
 
-def worth_learning(step: FloatArray, change: FloatArray) -> bool:
-    """Whether the curvature along the step is positive beyond rounding."""
-    size = float(np.linalg.norm(step) * np.linalg.norm(change))
-    return size > 0.0 and float(step @ change) > CURVATURE * size
+class InverseHessian(Protocol):
+    """Approximation of the inverse Hessian that learns from steps."""
 
+    def __matmul__(self, g: FloatArray) -> FloatArray:
+        """Product with a gradient."""
 
-class DenseBfgs:
-    """BFGS with the full inverse Hessian, 8 m^2 bytes."""
-
-    def __init__(self, size: int) -> None:
-        self._inverse = np.eye(size)
-
-    def times(self, gradient: FloatArray) -> FloatArray:
-        """Approximate inverse Hessian times a vector (m,)."""
-        return np.asarray(self._inverse @ gradient)
-
-    def learn(self, step: FloatArray, change: FloatArray) -> None:
-        """Rank-two update; skipped when the curvature is not positive."""
-        if not worth_learning(step, change):
-            return
-        rho = 1.0 / float(step @ change)
-        turned = self._inverse @ change
-        weight = rho * (1.0 + rho * float(change @ turned))
-        # One symmetric outer product: s u^T + u s^T with u = weight/2 s - rho H y.
-        half = np.outer(step, 0.5 * weight * step - rho * turned)
-        self._inverse += half
-        self._inverse += half.T
+    def learn(self, s: FloatArray, y: FloatArray) -> None:
+        """Take in a step s that changed the gradient by y, with s.y > 0."""
 
     def forget(self) -> None:
-        """Go back to the identity."""
-        self._inverse = np.eye(len(self._inverse))
+        """Back to the start."""
 
 
-class LimitedBfgs:
-    """L-BFGS: the last ``memory`` pairs, 16 m bytes each."""
+Solve = Callable[[FloatArray], FloatArray]
 
-    def __init__(self, memory: int = 30) -> None:
-        self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=memory)
 
-    def times(self, gradient: FloatArray) -> FloatArray:
-        """Approximate inverse Hessian times a vector (m,), by the two-loop recursion."""
-        vector = np.array(gradient, dtype=np.float64)
-        shares = []
-        for step, change, rho in reversed(self._pairs):
-            share = rho * float(step @ vector)
+class Dense:
+    """The BFGS update of a full matrix (Nocedal and Wright 2006, Eq. 6.17).
+
+    start  (n,n) positive definite to begin with; by default a multiple of the identity, found from
+           the first step
+    """
+
+    def __init__(self, size: int, start: FloatArray | None = None) -> None:
+        self._start, self._size = start, size
+        self._matrix: FloatArray = np.empty((0, 0))
+        self._unscaled = True
+        self.forget()
+
+    def __matmul__(self, g: FloatArray) -> FloatArray:
+        return np.asarray(self._matrix @ g)
+
+    def learn(self, s: FloatArray, y: FloatArray) -> None:
+        """Rank-two update."""
+        sy = float(s @ y)
+        if self._unscaled:
+            self._matrix *= sy / float(y @ y)
+            self._unscaled = False
+        hy = self._matrix @ y
+        self._matrix += np.outer(((sy + y @ hy) / sy**2) * s - hy / sy, s)
+        self._matrix -= np.outer(s, hy / sy)
+
+    def forget(self) -> None:
+        """Back to the start."""
+        self._unscaled = self._start is None
+        self._matrix = np.eye(self._size) if self._start is None else self._start.copy()
+
+
+class Limited:
+    """Two-loop recursion over the last ``memory`` steps (Nocedal and Wright 2006, Alg. 7.4).
+
+    start  product with the matrix to begin with; by default a multiple of the identity, found from
+           the last step
+    """
+
+    def __init__(self, start: Solve | None = None, memory: int = 30) -> None:
+        self._start = start
+        self._steps: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=memory)
+
+    def __matmul__(self, g: FloatArray) -> FloatArray:
+        q, shares = g.copy(), []
+        for s, y, sy in reversed(self._steps):
+            share = float(s @ q) / sy
             shares.append(share)
-            vector -= share * change
-        if self._pairs:
-            _, change, rho = self._pairs[-1]
-            vector /= rho * float(change @ change)
-        for (step, change, rho), share in zip(self._pairs, reversed(shares), strict=True):
-            vector += (share - rho * float(change @ vector)) * step
-        return vector
+            q -= share * y
+        if self._start is not None:
+            q = self._start(q)
+        elif self._steps:
+            _, y, sy = self._steps[-1]
+            q *= sy / float(y @ y)
+        for (s, y, sy), share in zip(self._steps, reversed(shares), strict=True):
+            q += (share - float(y @ q) / sy) * s
+        return q
 
-    def learn(self, step: FloatArray, change: FloatArray) -> None:
-        """Keep the pair; skipped when the curvature is not positive."""
-        if worth_learning(step, change):
-            self._pairs.append((step, change, 1.0 / float(step @ change)))
+    def learn(self, s: FloatArray, y: FloatArray) -> None:
+        """Remember a step."""
+        self._steps.append((s, y, float(s @ y)))
 
     def forget(self) -> None:
-        """Go back to the identity."""
-        self._pairs.clear()
+        """Back to the start."""
+        self._steps.clear()
+
+
+def descend(
+    function: Function,
+    x: FloatArray,
+    inverse: InverseHessian,
+    *,
+    goal: float,
+    longest: float,
+    max_iterations: int,
+    report: Report,
+) -> Descent:
+    """Lower ``function`` (value and gradient) from x (n,) until its value is ``goal`` or less.
+
+    longest  largest change of a variable in one step
+    Steps that do not increase the slope along themselves teach nothing and are left out; a direction
+    that leads nowhere starts the approximation anew once.
+    """
+    value, slope = function(x)
+    fresh = True
+    for iteration in range(max_iterations):
+        report(iteration, x, value)
+        if value <= goal:
+            return Descent(x, value, slope, iteration, "goal")
+        step = -(inverse @ slope)
+        size = float(np.abs(step).max())
+        if size == 0.0 or not np.isfinite(size):
+            return Descent(x, value, slope, iteration, "flat")
+        step *= min(1.0, longest / size)
+        along = float(step @ slope)
+        found = _lower(function, x, value, step, along) if along < 0.0 else None
+        if found is None:
+            if fresh:
+                return Descent(x, value, slope, iteration, "no lower point")
+            inverse.forget()
+            fresh = True
+            continue
+        moved, lower, new_slope = found
+        s, y = moved - x, new_slope - slope
+        if float(s @ y) > 1e-12 * float(np.linalg.norm(s) * np.linalg.norm(y)):
+            inverse.learn(s, y)
+            fresh = False
+        x, value, slope = moved, lower, new_slope
+    return Descent(x, value, slope, max_iterations, "iteration limit")
+
+
+def _lower(
+    function: Function, x: FloatArray, value: float, step: FloatArray, along: float
+) -> tuple[FloatArray, float, FloatArray] | None:
+    """First point on the way back from x + step that is low enough (Armijo)."""
+    length = 1.0
+    while length >= _SHORTEST:
+        there = x + length * step
+        found, slope = function(there)
+        if np.isfinite(found) and found <= value + _ARMIJO * length * along:
+            return there, found, slope
+        # Minimum of the parabola through what is known, kept between a tenth and a half.
+        bend = found - value - length * along
+        best = -0.5 * along * length**2 / bend if np.isfinite(bend) and bend > 0.0 else 0.0
+        length = float(np.clip(best, 0.1 * length, 0.5 * length))
+    return None

@@ -1,0 +1,114 @@
+"""Solving the balance program of a piece, with slack when it has no solution."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from casashell.engine.nlp import Iterate, NlpStatus, minimise
+from casashell.inverse.balance_nlp import BalanceNlp
+from casashell.inverse.load_path import Report
+from casashell.result import Step
+from casashell.typing import FloatArray
+
+#: Violation of a balance row (in f0) and of the optimality conditions that end a run.
+FEASIBLE: Final = 1e-10
+OPTIMAL: Final = 1e-8
+#: Residual / f0 up to which a program counts as balanced, as Newton's does.
+BALANCED: Final = 1e-8
+#: Weight of the slack against the change of the natural shape: what is missing shows, little else.
+SLACK_WEIGHT: Final = 1e6
+MAX_ITERATIONS: Final = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Natural shape and contact forces in balance, or as near to it as the slack allows.
+
+    rest            (n,3) m
+    contact_forces  (C,3) N, inside their cones in any case
+    residual        largest entry of dE/dx - S f at unpinned vertices, / f0
+    slack           largest slack / f0; 0 when none was needed
+    status          of the last run of Ipopt
+    """
+
+    rest: FloatArray
+    contact_forces: FloatArray
+    residual: float
+    slack: float
+    iterations: int
+    seconds: float
+    status: NlpStatus
+
+    @property
+    def converged(self) -> bool:
+        """Balanced without slack, at a minimum."""
+        return self.status.converged and self.slack == 0.0 and self.residual <= BALANCED
+
+
+Keep = Callable[[FloatArray, FloatArray], None]
+
+
+def balance(
+    program: BalanceNlp,
+    rest: FloatArray,
+    forces: FloatArray,
+    *,
+    elastic: bool = True,
+    max_iterations: int = MAX_ITERATIONS,
+    report: Report | None = None,
+    keep: Keep | None = None,
+) -> Balance:
+    """Solve ``program`` from the natural shape ``rest`` (n,3) and contact forces (C,3) [N].
+
+    elastic  when there is no solution near by, answer with the program with slack
+    keep     called with natural shape and contact forces of every iterate
+    """
+    begin = time.perf_counter()
+    if len(program.dofs) == 0:
+        nothing = np.zeros((len(program.piece.contacts), 3))
+        return Balance(program.reference, nothing, 0.0, 0.0, 0, 0.0, NlpStatus.CONVERGED)
+    versions = [program]
+    if elastic and not program.elastic:
+        versions.append(program.softened(SLACK_WEIGHT))
+    spent = 0
+    for version in versions:
+
+        def each(iterate: Iterate, version: BalanceNlp = version, spent: int = spent) -> None:
+            if keep is not None:
+                keep(version.rest(iterate.x), version.contact_forces(iterate.x))
+            if report is not None:
+                name = "ipopt with slack" if version.elastic else "ipopt"
+                report(Step(name, 1.0, spent + iterate.iteration, iterate.violation, 0.0))
+
+        result = minimise(
+            version.nlp(version.unknowns(rest, forces)),
+            tolerance=OPTIMAL,
+            max_iterations=max_iterations,
+            report=each,
+            options={
+                "constr_viol_tol": FEASIBLE,
+                # Bounds are cones: no relaxing.  Adaptive needs two thirds of the iterations.
+                "bound_relax_factor": 0.0,
+                "mu_strategy": "adaptive",
+            },
+        )
+        spent += result.iterations
+        found = version.rest(result.x), version.contact_forces(result.x)
+        residual = unbalanced(version, *found)
+        if result.status.converged and residual <= BALANCED:
+            break
+    slack = version.slack(result.x)
+    seconds = time.perf_counter() - begin
+    return Balance(*found, residual, slack, spent, seconds, result.status)
+
+
+def unbalanced(program: BalanceNlp, rest: FloatArray, forces: FloatArray) -> float:
+    """Largest entry of dE/dx - S f at unpinned vertices, / f0."""
+    piece = program.piece
+    gap = program.energy.gradient(program.pose, rest) - piece.spread(forces)
+    return float(np.abs(gap.ravel()[program.dofs]).max(initial=0.0)) / piece.f0

@@ -1,0 +1,177 @@
+"""Step 2 of Ly 2018: bring the forces of a given pose into their cones by the natural shape alone.
+
+Two ways.  "ipopt" finds the nearest natural shape, in the mean square, whose forces at the pose are
+admissible (the program of `casashell.inverse.balance_nlp`).  "bfgs" lowers G = |G_K(F)|^2 / 2 as the
+paper does (their Eq. 34), from the natural shape of Step 1, until it vanishes to rounding.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+import scipy.sparse as sp
+
+from casashell.contact.cone import project
+from casashell.engine.sparse_solver import make_solver
+from casashell.inverse.balance import balance
+from casashell.inverse.balance_nlp import BalanceNlp
+from casashell.inverse.cone_residual import BETA, ConeResidual, Kind
+from casashell.inverse.load_path import Report
+from casashell.inverse.piece import Piece
+from casashell.inverse.pulled import Pulled
+from casashell.inverse.quasi_newton import Dense, InverseHessian, Limited, descend
+from casashell.result import Step
+from casashell.typing import FloatArray
+
+#: G in f0^2 at which the forces are admissible.
+GOAL: Final = 1e-16
+#: Vertices above which BFGS keeps its last steps instead of a matrix (0.5 GB at 2550).
+DENSE_LIMIT: Final = 1500
+#: Longest move of a natural vertex in one step of BFGS, in edge lengths.
+LONGEST: Final = 0.2
+IPOPT_ITERATIONS, BFGS_ITERATIONS = 200, 5000
+
+Method = Literal["ipopt", "bfgs"]
+
+
+@dataclass(frozen=True, eq=False)
+class StepTwo:
+    """What Step 2 found.
+
+    rest            (n,3) m
+    contact_forces  (C,3) N
+    residual        G = |G_K(F)|^2 / 2 at the pose, in f0^2
+    converged       whether residual is at most `GOAL`
+    slack           largest force that balance lacks when there is no solution ("ipopt"), / f0
+    reason          how the method ended, in words
+    """
+
+    rest: FloatArray
+    contact_forces: FloatArray
+    residual: float
+    iterations: int
+    seconds: float
+    converged: bool
+    slack: float
+    reason: str
+
+
+def step_two(
+    piece: Piece,
+    pose: FloatArray,
+    rest: FloatArray,
+    pull: float = 0.0,
+    *,
+    method: Method = "ipopt",
+    kind: Kind = "kinked",
+    beta: float = BETA,
+    floor: float = 0.0,
+    scaled: bool = True,
+    max_iterations: int | None = None,
+    report: Report | None = None,
+) -> StepTwo:
+    """Natural shape near ``rest`` (n,3) for which the forces at ``pose`` (n,3) are admissible.
+
+    pull    of the energy towards the target [N/m] (Ly 2018, Eq. 24)
+    kind    h of G_K: of "bfgs", and of the residual in the answer
+    beta    share of every friction coefficient that is used
+    floor   least normal force / f0 of a contact, "ipopt" only
+    scaled  start BFGS from the Gauss-Newton matrix of G rather than from the identity
+    Raises ValueError for an unknown method and arrays of the wrong shape.
+    """
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}; got '{method}'")
+    energy, cones = Pulled(piece, pull), ConeResidual(piece, kind, beta)
+    program = BalanceNlp(energy, pose, rest, floor=floor, beta=beta)
+    begin = time.perf_counter()
+    if method == "ipopt":
+        found = balance(
+            program,
+            rest,
+            _into_cones(cones, energy.gradient(pose, rest)),
+            max_iterations=max_iterations or IPOPT_ITERATIONS,
+            report=report,
+        )
+        shape, forces = found.rest, found.contact_forces
+        iterations, slack, reason = found.iterations, found.slack, str(found.status)
+    else:
+        limit = max_iterations or BFGS_ITERATIONS
+        shape, iterations, reason = _bfgs(program, cones, scaled, limit, report)
+        forces, slack = cones.contact_forces(energy.gradient(pose, shape)), 0.0
+    residual = cones.value(energy.gradient(pose, shape))[0]
+    return StepTwo(
+        rest=shape,
+        contact_forces=forces,
+        residual=residual,
+        iterations=iterations,
+        seconds=time.perf_counter() - begin,
+        converged=residual <= GOAL,
+        slack=slack,
+        reason=reason,
+    )
+
+
+def _into_cones(cones: ConeResidual, forces: FloatArray) -> FloatArray:
+    """Forces per contact (C,3) [N]: those at hand, projected onto the cones."""
+    contacts = cones.piece.contacts
+    return project(cones.contact_forces(forces), contacts.normals, cones.friction)
+
+
+def _bfgs(
+    program: BalanceNlp,
+    cones: ConeResidual,
+    scaled: bool,
+    max_iterations: int,
+    report: Report | None,
+) -> tuple[FloatArray, int, str]:
+    """Natural shape, iterations and how it ended."""
+    energy, pose, piece = program.energy, program.pose, program.piece
+    dofs, start = program.dofs, program.reference
+    if len(dofs) == 0:
+        return start, 0, "nothing is free"
+
+    def shape(u: FloatArray) -> FloatArray:
+        found = start.ravel().copy()
+        found[dofs] += piece.h * u
+        return found.reshape(-1, 3)
+
+    def residual(u: FloatArray) -> tuple[float, FloatArray]:
+        value, slope = cones.at(energy, pose, shape(u))
+        return value, piece.h * slope.ravel()[dofs]
+
+    def each(iteration: int, u: FloatArray, value: float) -> None:
+        if report is not None:
+            report(Step("bfgs", 1.0, iteration, value, 0.0))
+
+    end = descend(
+        residual,
+        np.zeros(len(dofs)),
+        _first_metric(program, scaled),
+        goal=GOAL,
+        longest=LONGEST,
+        max_iterations=max_iterations,
+        report=each,
+    )
+    return shape(end.x), end.iterations, end.reason
+
+
+def _first_metric(program: BalanceNlp, scaled: bool) -> InverseHessian:
+    """Inverse Hessian to begin with: of |F|^2 / 2, with every force counted, or the identity."""
+    piece, dofs = program.piece, program.dofs
+    dense = len(piece.target) <= DENSE_LIMIT
+    if not scaled:
+        return Dense(len(dofs)) if dense else Limited()
+    _, entries = program.energy.mixed(program.pose, program.reference)
+    slope = piece.assembly.pattern.matrix(entries)[dofs][:, dofs] * (piece.h / piece.f0)
+    matrix = sp.csr_array(slope.T @ slope)
+    # Rigid motions of the natural shape change no force: a little of the identity holds them.
+    shift = 1e-6 * float(matrix.diagonal().mean())
+    matrix = sp.csr_array(matrix + shift * sp.eye_array(len(dofs)))
+    if dense:
+        return Dense(len(dofs), np.linalg.inv(matrix.toarray()))
+    solver = make_solver(matrix.indptr, matrix.indices, "symmetric")
+    solver.factor(matrix.data)
+    return Limited(solver.solve)
