@@ -126,7 +126,7 @@ def test_skirt_hangs_on_its_cone() -> None:
 
 def test_start_inside_the_obstacle_is_put_outside() -> None:
     flat, waved, assembly, cone = _skirt(5, 12)
-    sunk = waved + [[0.0, -0.05, 0.0]]
+    sunk = waved - np.array([0.0, 0.05, 0.0])
     assert cone.signed_distance(sunk)[0].min() < 0.0
     found = settle(assembly, flat, cone, start=sunk)
     assert_optimal(found, assembly, flat, cone)
