@@ -20,8 +20,10 @@ FEASIBLE: Final = 1e-10
 OPTIMAL: Final = 1e-8
 #: Residual / f0 up to which a program counts as balanced, as Newton's does.
 BALANCED: Final = 1e-8
-#: Weight of the slack against the change of the natural shape: what is missing shows, little else.
-SLACK_WEIGHT: Final = 1e6
+#: Weight of the slack against the change of the natural shape.  Forces in f0 are some 1e4 times as steep
+#: as shapes in h, so 1 counts what is missing first; more only teaches the shell to shed its weight by
+#: shrinking, and does not converge.
+SLACK_WEIGHT: Final = 1.0
 MAX_ITERATIONS: Final = 200
 
 
@@ -92,9 +94,9 @@ def balance(
             report=each,
             options={
                 "constr_viol_tol": FEASIBLE,
-                # Bounds are cones: no relaxing.  Adaptive needs two thirds of the iterations.
-                "bound_relax_factor": 0.0,
-                "mu_strategy": "adaptive",
+                "bound_relax_factor": 0.0,  # bounds are cones
+                # Adaptive takes two thirds of the iterations, and wanders where slack is needed.
+                "mu_strategy": "monotone" if version.elastic else "adaptive",
             },
         )
         spent += result.iterations
