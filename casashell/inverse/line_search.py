@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 #: Sufficient decrease and flattening of the slope (Nocedal and Wright 2006, Sec. 3.1).
 DECREASE, FLATTER = 1e-4, 0.9
+#: A low point this near to where the value jumps, as angles of folds do, will not become flatter.
+CLOSE = 0.3
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ def weak_wolfe(
 ) -> Trial | None:
     """First trial that falls enough and is flat enough; None when no step lowers the value.
 
+    Before a jump of the value a low point may stay steep; then falling is enough.
+
     here     the start of the line: step 0, with a negative slope
     first    first step tried; doubled up to ``longest`` while the slope stays steep
     noise    rounding of the values: differences below it are judged by the slope alone, which is
@@ -55,7 +59,7 @@ def weak_wolfe(
             best, low = trial, step
         else:
             high = step
-        if low >= longest:
+        if best is not None and (low >= longest or high - low <= CLOSE * low):
             return best
         step = min(2.0 * low, longest) if math.isinf(high) else 0.5 * (low + high)
     return best

@@ -41,6 +41,20 @@ def test_steps_stay_below_the_longest() -> None:
     assert found.step == 3.0
 
 
+def test_low_point_before_a_jump_is_taken_soon() -> None:
+    """Steeper and steeper down to the jump at 0.7: within 30 % of it is near enough."""
+    calls: list[float] = []
+
+    def jump(t: float) -> Trial:
+        calls.append(t)
+        return Trial(t, -t - t * t if t < 0.7 else 1e3, -1.0 - 2.0 * t)
+
+    found = weak_wolfe(jump, jump(0.0))
+    assert found is not None
+    assert 0.5 <= found.step < 0.7
+    assert len(calls) <= 6
+
+
 def test_no_lower_point() -> None:
     """A slope that promises what the values do not keep."""
     assert weak_wolfe(lambda t: Trial(t, 1.0 + t, 1.0), Trial(0.0, 1.0, -1.0)) is None
