@@ -178,6 +178,7 @@ def minimise(
         "max_iter": max_iterations,
         "acceptable_iter": 0,  # an acceptable point is not an answer
         "nlp_scaling_method": "none",
+        "bound_relax_factor": 0.0,  # a bound is a bound
         **(options or {}),
     }
     with _interrupts_wait() as waiting:

@@ -94,7 +94,6 @@ def balance(
             report=each,
             options={
                 "constr_viol_tol": FEASIBLE,
-                "bound_relax_factor": 0.0,  # bounds are cones
                 # Adaptive takes two thirds of the iterations, and wanders where slack is needed.
                 "mu_strategy": "monotone" if version.elastic else "adaptive",
             },

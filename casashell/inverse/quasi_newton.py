@@ -15,11 +15,14 @@ Function = Callable[[FloatArray], tuple[float, FloatArray]]
 Report = Callable[[int, FloatArray, float], None]
 
 _ARMIJO, _SHORTEST = 1e-4, 2.0**-40
+#: A descent that lowers the value by less than a thousandth in so many iterations is stuck at a kink.
+_PATIENCE, _WORTH = 200, 0.999
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where a descent ended; ``reason`` is "goal", "flat", "no lower point" or "iteration limit"."""
+    """Where a descent ended; ``reason`` is "goal", "flat", "stuck", "no lower point" or
+    "iteration limit"."""
 
     x: FloatArray
     value: float
@@ -128,11 +131,15 @@ def descend(
     that leads nowhere starts the approximation anew once.
     """
     value, slope = function(x)
-    fresh = True
+    fresh, mark = True, np.inf
     for iteration in range(max_iterations):
         report(iteration, x, value)
         if value <= goal:
             return Descent(x, value, slope, iteration, "goal")
+        if iteration % _PATIENCE == 0:
+            if value > _WORTH * mark:
+                return Descent(x, value, slope, iteration, "stuck")
+            mark = value
         step = -(inverse @ slope)
         size = float(np.abs(step).max())
         if size == 0.0 or not np.isfinite(size):
