@@ -181,7 +181,9 @@ class StepOne:
     def _evaluate(self, rest: FloatArray, start: FloatArray, budget: int = BUDGET) -> _Point | None:
         """Drape and adjoint; None when there is no minimum to be found."""
         self.evaluations += 1
-        draped = self.draper.drape(rest, start, method=self.drape_method, tolerance=self.tolerance)
+        draped = self.draper.drape(
+            rest, start, method=self.drape_method, tolerance=self.tolerance, budget=budget
+        )
         return _Point(rest, draped, adjoint(self.draper, rest, draped)) if draped.good else None
 
     def _redraped(self, point: _Point) -> _Point | None:
@@ -195,9 +197,11 @@ class StepOne:
         """Next shape along the first direction that lowers J; curvature learned on the way."""
         system = self.draper.system
         gradient = system.restrict(point.adjoint.gradient)
-        reached = self._search(point, self._newton_move(point), NEWTON_TRIES)
+        move = self._newton_move(point)
+        reached = self._search(point, move, NEWTON_TRIES)
         if reached is None:
-            self._resume = max(self._resume, self.iterations + PAUSE)
+            if move is not None:
+                self._resume = self.iterations + PAUSE
             reached = self._search(point, system.extend(-self.curvature.times(gradient)))
         if reached is None and not self._mixed:
             self.curvature.forget()
