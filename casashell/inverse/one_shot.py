@@ -9,7 +9,6 @@ import numpy as np
 
 from casashell.contact.cone import margin, split
 from casashell.inverse.balance import (
-    BALANCED,
     MAX_ITERATIONS,
     SLACK_WEIGHT,
     Balance,
@@ -24,7 +23,7 @@ from casashell.inverse.forces import (
     rigid_obstruction,
 )
 from casashell.inverse.load_path import Report
-from casashell.inverse.outcome import Outcome, starting_outcome
+from casashell.inverse.outcome import BALANCED, Outcome, starting_outcome
 from casashell.inverse.piece import Piece
 from casashell.inverse.pulled import Pulled
 from casashell.inverse.stability import lowest_modes
@@ -170,7 +169,7 @@ class NlpSolver:
             room = margin(forces, contacts.normals, contacts.friction)
             inside, active = float(min(room.min(), normal.min())), normal > 1e-6 * piece.f0
         eigenvalue = -np.inf
-        if residual <= BALANCED:
+        if residual <= BALANCED:  # what a balanced outcome needs
             values, _ = lowest_modes(piece, rest, active, 1)
             eigenvalue = float(values[0]) * piece.h / piece.f0
         return Outcome(

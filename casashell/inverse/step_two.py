@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from casashell.contact.cone import project
 from casashell.engine.sparse_solver import make_solver
-from casashell.inverse.balance import balance
+from casashell.inverse.balance import balance, rounding
 from casashell.inverse.balance_nlp import BalanceNlp
 from casashell.inverse.cone_residual import BETA, ConeResidual, Kind
 from casashell.inverse.load_path import Report
@@ -44,7 +44,7 @@ class StepTwo:
     rest            (n,3) m
     contact_forces  (C,3) N
     residual        G = |G_K(F)|^2 / 2 at the pose, in f0^2
-    converged       whether residual is at most `GOAL`
+    converged       whether residual is at most `GOAL`, or what rounding leaves of it
     slack           largest force that balance lacks when there is no solution ("ipopt"), / f0
     reason          how the method ended, in words
     """
@@ -87,6 +87,7 @@ def step_two(
     energy, cones = Pulled(piece, pull), ConeResidual(piece, kind, beta)
     program = BalanceNlp(energy, pose, rest, floor=floor, beta=beta)
     begin = time.perf_counter()
+    goal = max(GOAL, 0.5 * len(program.dofs) * rounding(program) ** 2)
     if method == "ipopt":
         found = balance(
             program,
@@ -99,7 +100,7 @@ def step_two(
         iterations, slack, reason = found.iterations, found.slack, str(found.status)
     else:
         limit = max_iterations or BFGS_ITERATIONS
-        shape, iterations, reason = _bfgs(program, cones, scaled, limit, report)
+        shape, iterations, reason = _bfgs(program, cones, scaled, goal, limit, report)
         forces, slack = cones.contact_forces(energy.gradient(pose, shape)), 0.0
     residual = cones.value(energy.gradient(pose, shape))[0]
     return StepTwo(
@@ -108,7 +109,7 @@ def step_two(
         residual=residual,
         iterations=iterations,
         seconds=time.perf_counter() - begin,
-        converged=residual <= GOAL,
+        converged=residual <= goal,
         slack=slack,
         reason=reason,
     )
@@ -124,6 +125,7 @@ def _bfgs(
     program: BalanceNlp,
     cones: ConeResidual,
     scaled: bool,
+    goal: float,
     max_iterations: int,
     report: Report | None,
 ) -> tuple[FloatArray, int, str]:
@@ -150,7 +152,7 @@ def _bfgs(
         residual,
         np.zeros(len(dofs)),
         _first_metric(program, scaled),
-        goal=GOAL,
+        goal=goal,
         longest=LONGEST,
         max_iterations=max_iterations,
         report=each,
