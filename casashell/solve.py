@@ -11,17 +11,19 @@ import numpy as np
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
 from casashell.inverse.certificate import certify, no_certificate
 from casashell.inverse.direct import DirectSolver
-from casashell.inverse.load_path import Report
+from casashell.inverse.one_shot import NlpSolver
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
+from casashell.inverse.step_two import Method as StepTwoMethod
+from casashell.inverse.two_step import PRESETS, TwoStepSolver
 from casashell.problem import Problem
 from casashell.result import Certificate, Result, Step
 from casashell.status import Status
 from casashell.typing import AnyArray, FloatArray
 
-_SOLVERS: dict[str, Callable[[Piece, Report], PieceSolver]] = {"direct": DirectSolver}
-METHODS = ("auto", *_SOLVERS)
+METHODS = ("auto", "direct", "two-step", "nlp")
+STEP2 = ("ipopt", "bfgs")
 Callback = Callable[[Step], None]
 
 
@@ -65,22 +67,33 @@ def solve(
     problem: Problem,
     method: str = "auto",
     *,
+    step2: StepTwoMethod = "ipopt",
+    preset: str = "scaled",
     callback: Callback | None = None,
     interpreted: bool = False,
 ) -> Result:
     """Natural shape and contact forces for which the target of ``problem`` is a stable equilibrium.
 
-    method       "direct": Newton on the natural shape along the load path; "auto": the cheapest
-                 method that certifies
+    method       "direct": Newton on the natural shape along the load path; "two-step": Algorithm 1
+                 of Ly 2018; "nlp": one nonlinear program at the target; "auto": the cheapest of
+                 these, which is "direct"
+    step2        second step of "two-step": "ipopt", a program with cone constraints, or "bfgs",
+                 descent on G_K
+    preset       schedule and stopping rules of "two-step": "scaled" with the scene, or "paper"
     callback     called with a `Step` at every iteration; an exception from it ends the solve
     interpreted  run kernels by CasADi's virtual machine even when there is a C compiler
 
     A KeyboardInterrupt ends the solve with what it has and status INTERRUPTED.  A solve that fails
     returns its best attempt with a status and advice; `Result.require` turns that into an exception.
-    Raises ValueError for an unknown method.
+    Raises ValueError for an unknown method, second step or preset.
     """
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}; got '{method}'")
+    for name, value, known in (
+        ("method", method, METHODS),
+        ("step2", step2, STEP2),
+        ("preset", preset, tuple(PRESETS)),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} must be one of {', '.join(known)}; got '{value}'")
     run = _Run(problem, "direct" if method == "auto" else method, callback)
     try:
         begin = time.perf_counter()
@@ -100,12 +113,21 @@ def solve(
                 "against sliding along the obstacle is not part of the certificate"
             )
         for piece in run.pieces:
-            run.solvers.append(_SOLVERS[run.method](piece, run.report))
+            run.solvers.append(_solver(run, piece, step2, preset))
             run.solvers[-1].run()
         run.clock("solve", begin)
     except KeyboardInterrupt:
         run.interrupted = True
     return _finish(run)
+
+
+def _solver(run: _Run, piece: Piece, step2: StepTwoMethod, preset: str) -> PieceSolver:
+    """The method asked for, on one piece."""
+    if run.method == "two-step":
+        return TwoStepSolver(piece, run.report, step2=step2, continuation=PRESETS[preset])
+    if run.method == "nlp":
+        return NlpSolver(piece, run.report)
+    return DirectSolver(piece, run.report)
 
 
 def _gathered(
@@ -219,7 +241,7 @@ def _failure(status: Status, outcome: Outcome) -> Status:
     if outcome.obstruction is not None:
         return Status.INFEASIBLE
     if status is Status.ITERATION_LIMIT:
-        if outcome.rung == "start":
+        if outcome.rung in ("start", "nlp with slack"):
             return Status.CONE_VIOLATED
         if outcome.load < 1.0 and outcome.missing <= 1e-2:  # balanced at a smaller load
             return Status.TOO_SOFT

@@ -81,12 +81,12 @@ def invert(
 ) -> None:
     """Solve, save, draw."""
     with command(debug):
-        _refuse_later_options(step2, natural)
+        _refuse_later_options(natural)
         scene = opt.SceneOptions(
             shell,
             tuple(obstacle or ()),
             tuple(plane or ()),
-            *(pin, up, unit, gravity, tolerance, friction, density, stretch, bend, method),
+            *(pin, up, unit, gravity, tolerance, friction, density, stretch, bend, method, step2),
         )
         from casashell.app.invert import OutputOptions, run_invert
 
@@ -166,13 +166,8 @@ def view(
     raise typer.Exit(code)
 
 
-def _refuse_later_options(step2: str | None, natural: str | None) -> None:
+def _refuse_later_options(natural: str | None) -> None:
     """Options of the interface that this version cannot honour."""
-    if step2 is not None:
-        raise CommandError(
-            "--step2 belongs to --method two-step, which this version does not have; "
-            "available methods: auto, direct"
-        )
     if natural not in (None, "mesh"):
         raise CommandError(f"--natural {natural}: this version does not have it; available: mesh")
 

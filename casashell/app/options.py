@@ -177,16 +177,28 @@ Bend: TypeAlias = Annotated[
 Method: TypeAlias = Annotated[
     str | None,
     typer.Option(
-        metavar="auto|direct",
+        metavar="auto|direct|two-step|nlp",
         rich_help_panel=_SOLVER,
         help=_text(
-            "auto takes the cheapest method that certifies.",
+            "direct: Newton on the natural shape; two-step: Ly 2018; nlp: one nonlinear program; "
+            "auto: the cheapest, direct.",
             default="auto",
         ),
         show_default=False,
     ),
 ]
-Step2: TypeAlias = Annotated[str | None, typer.Option(hidden=True)]
+Step2: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ipopt|bfgs",
+        rich_help_panel=_SOLVER,
+        help=_text(
+            "Second step of two-step: a program with cone constraints, or descent.",
+            default="ipopt",
+        ),
+        show_default=False,
+    ),
+]
 Natural: TypeAlias = Annotated[str | None, typer.Option(hidden=True)]
 Out: TypeAlias = Annotated[
     Path | None,
@@ -249,6 +261,7 @@ class SceneOptions:
     stretch: str | None = None
     bend: str | None = None
     method: str | None = None
+    step2: str | None = None
 
     def spec(self) -> SceneSpec:
         """The scene file with the options over it, or the options alone.
@@ -291,6 +304,8 @@ class SceneOptions:
             over["friction"] = values.parse_friction(self.friction, "--friction")
         if self.method is not None:
             over["method"] = values.parse_method(self.method, "--method")
+        if self.step2 is not None:
+            over["step2"] = values.parse_step2(self.step2, "--step2")
         return over
 
     def _sources(self) -> list[ObstacleSource]:

@@ -26,6 +26,7 @@ from casashell.app.values import (
     read_pins,
 )
 from casashell.contact.obstacles import Obstacle
+from casashell.inverse.step_two import Method as StepTwoMethod
 from casashell.io.obstacle_tables import read_obstacle
 from casashell.mesh import TriMesh
 from casashell.mesh_checks import validate
@@ -73,6 +74,7 @@ class Scene:
     pinned: tuple[int, ...] = ()
     tolerance: float | None = None
     method: str = METHODS[0]
+    step2: StepTwoMethod = "ipopt"
     up: str = "y"
     unit: float = 1.0
     vertex_map: IntArray | None = None
@@ -147,6 +149,7 @@ class SceneSpec:
     pinned: Pins = ()
     tolerance: float | None = None
     method: str = METHODS[0]
+    step2: StepTwoMethod = "ipopt"
     file: Path | None = None
 
     @property
@@ -191,6 +194,7 @@ class SceneSpec:
             pinned=pinned,
             tolerance=None if self.tolerance is None else self.tolerance * self.unit,
             method=self.method,
+            step2=self.step2,
             up=self.up,
             unit=self.unit,
             vertex_map=vertex_map,

@@ -3,7 +3,8 @@
 Lengths are in the file's own unit, paths relative to the file; everything but the shell is optional:
 
     name = "hat"                    # for reports
-    method = "auto"                 # auto, direct
+    method = "auto"                 # auto, direct, two-step, nlp
+    step2 = "ipopt"                 # ipopt, bfgs: second step of two-step
     gravity = 9.81                  # m/s2 along -up, or a vector [0.0, -9.81, 0.0]
     tolerance = 0.039               # contact when signed distance < tolerance
     pinned = [3, 17, 42]            # vertex ids from 0, or a text file "pins.txt"
@@ -42,6 +43,7 @@ from casashell.app.values import (
     parse_gravity,
     parse_material,
     parse_method,
+    parse_step2,
     parse_tolerance,
     parse_unit,
     parse_up,
@@ -49,7 +51,7 @@ from casashell.app.values import (
 from casashell.io.toml_tables import Table, read_toml
 
 _TOP: Final = (
-    *("name", "method", "gravity", "tolerance", "pinned"),
+    *("name", "method", "step2", "gravity", "tolerance", "pinned"),
     *("shell", "material", "obstacle"),
 )
 
@@ -80,6 +82,8 @@ def read_scene(path: Path) -> SceneSpec:
         given["tolerance"] = parse_tolerance(top.values["tolerance"], f"{path}: tolerance")
     if "method" in top:
         given["method"] = parse_method(top.text("method"), f"{path}: method")
+    if "step2" in top:
+        given["step2"] = parse_step2(top.text("step2"), f"{path}: step2")
     if "unit" in shell:
         given["unit"] = parse_unit(shell.values["unit"], f"{path}, [shell]")
     if "up" in shell:

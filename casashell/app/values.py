@@ -10,12 +10,13 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from casashell.inverse.step_two import Method as StepTwoMethod
 from casashell.io.toml_tables import did_you_mean, is_number
 from casashell.typing import FloatArray
 
 UNITS: Final = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 UP_VECTORS: Final = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-METHODS: Final = ("auto", "direct")
+METHODS: Final = ("auto", "direct", "two-step", "nlp")
 
 Gravity: TypeAlias = float | tuple[float, float, float]
 
@@ -120,6 +121,14 @@ def parse_method(value: str, where: str) -> str:
             f"{where}: no method '{value}' in this version; available: {', '.join(METHODS)}"
         )
     return value
+
+
+def parse_step2(value: str, where: str) -> StepTwoMethod:
+    """The second step of the two-step method."""
+    known: dict[str, StepTwoMethod] = {"ipopt": "ipopt", "bfgs": "bfgs"}
+    if value not in known:
+        raise ValueError(f"{where} must be ipopt or bfgs, got '{value}'")
+    return known[value]
 
 
 def parse_up(value: str, where: str) -> str:

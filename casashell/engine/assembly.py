@@ -53,11 +53,15 @@ class Assembly:
         self.count = count
         self.interpreted = interpreted
         self._scatter: dict[int, IntArray] = {}
+        self._kernels: dict[tuple[int, str], Kernel] = {}
         for term in self.energies:
             term.require_vertices(count)
 
     def _kernel(self, term: Energy, name: str) -> Kernel:
-        return get_kernel(term.density, name, interpreted=self.interpreted)
+        key = id(term), name
+        if key not in self._kernels:
+            self._kernels[key] = get_kernel(term.density, name, interpreted=self.interpreted)
+        return self._kernels[key]
 
     @property
     def compiled(self) -> bool:

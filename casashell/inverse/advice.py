@@ -82,7 +82,7 @@ def explain(status: Status, problem: Problem, piece: Piece | None, outcome: Outc
     if piece is None or outcome is None:
         return "The solve did not reach an equilibrium: raise stretch and bend, or lower density."
     where = _where(problem, piece)
-    if outcome.rung == "start":
+    if outcome.rung in ("start", "nlp with slack"):
         return where + _unsupported(piece, proved=status is Status.INFEASIBLE)
     return where + _unfinished(status, piece, outcome)
 
