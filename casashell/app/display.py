@@ -111,7 +111,7 @@ def certificate_lines(result: Result) -> list[tuple[str, str]]:
             ("least normal force", _relative(c.min_normal_force, "of a vertex's weight (>= 0)")),
             ("friction in reserve", _relative(c.cone_margin, "of a vertex's weight (>= 0)")),
         ]
-    stiffness = "not computed"
+    stiffness = "not computed" if c.free_force is None else "no vertex is free to move"
     if c.min_eigenvalue is not None:
         stiffness = f"{engineering(c.min_eigenvalue, 'N/m')} (> 0)"
     if c.neutral_modes:

@@ -55,14 +55,19 @@ def command(debug: bool) -> Iterator[None]:
 
 
 @contextmanager
-def reading_input() -> Iterator[None]:
-    """A ValueError or OSError in the block is the input's fault: exit code 2."""
+def reading_input(*, mended: bool = False) -> Iterator[None]:
+    """A ValueError or OSError in the block is the input's fault: exit code 2.
+
+    mended: the mesh has been repaired already.
+    """
     from casashell.mesh_checks import MeshError
 
     try:
         yield
     except MeshError as error:
         hint = "--repair mends what can be mended; casashell check tells whether that is all."
+        if mended:
+            hint = "This is what --repair leaves: edit the mesh."
         raise CommandError(f"{error}\n{hint}") from error
     except (ValueError, OSError) as error:
         raise CommandError(reason(error)) from error

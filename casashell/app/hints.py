@@ -12,11 +12,15 @@ import numpy as np
 
 from casashell.app.scene import Scene
 from casashell.app.values import UNITS, UP_VECTORS, unit_name
+from casashell.contact.mesh_obstacle import MeshObstacle
+from casashell.io.camera import directions
 from casashell.typing import FloatArray
 
 #: Sizes (bounding box diagonal, m) that things people wear, read and hang have.
 SMALLEST, LARGEST = 0.05, 5.0
 _USUAL: Final = 0.8
+#: Contact tolerance, relative to the shell's size, that is hardly meant.
+_WIDE: Final = 0.1
 
 
 def hints(scene: Scene) -> tuple[str, ...]:
@@ -43,12 +47,18 @@ def size_hints(scene: Scene) -> Iterator[str]:
 
 def _placement(scene: Scene) -> Iterator[str]:
     lower, upper = scene.target.vertices.min(axis=0), scene.target.vertices.max(axis=0)
-    up = np.asarray(scene.up_vector) / np.linalg.norm(scene.up_vector)
+    up = directions(scene.up_vector)[1]
     for number, obstacle in enumerate(scene.obstacles):
+        label = obstacle.name or f"obstacle {number + 1}"
+        if isinstance(obstacle, MeshObstacle):
+            points = obstacle.surface.vertices
+            extent, slack = (points.min(axis=0), points.max(axis=0)), 1e-9 * (upper - lower).max()
+            if np.allclose(extent, (lower, upper), rtol=0.0, atol=slack):
+                yield f"'{label}' has the very extent of the shell: is it the same file by mistake?"
+                continue
         box = obstacle.bounding_box()
         if box is None:
             continue
-        label = obstacle.name or f"obstacle {number + 1}"
         gap = float(np.linalg.norm(np.maximum(np.maximum(box[0] - upper, lower - box[1]), 0.0)))
         if gap > scene.problem.tolerance:
             yield (
@@ -72,6 +82,12 @@ def _contact(scene: Scene) -> Iterator[str]:
             f"{inside} of {count} vertices are deep inside an obstacle: is it inside out (flip in "
             "a scene file), in another unit, or is a plane's normal pointing down?"
         )
+    tolerance = scene.problem.tolerance / scene.target.bbox_diagonal
+    if len(contacts) and tolerance > _WIDE:
+        yield (
+            f"the contact tolerance is {100.0 * tolerance:.0f} % of the shell's size: vertices far "
+            "from an obstacle count as touching it; is --tolerance in input units?"
+        )
     if len(contacts) == 0:
         points = scene.target.vertices
         nearest = min(float(each.signed_distance(points)[0].min()) for each in scene.obstacles)
@@ -81,7 +97,7 @@ def _contact(scene: Scene) -> Iterator[str]:
         )
         return
     push = contacts.normals.mean(axis=0)
-    up = np.asarray(scene.up_vector) / np.linalg.norm(scene.up_vector)
+    up = directions(scene.up_vector)[1]
     axes = {axis: float(push @ np.array(vector)) for axis, vector in UP_VECTORS.items()}
     best = max(axes, key=lambda axis: axes[axis])
     if any(scene.gravity) and push @ up < 0.1 and axes[best] > 0.5:

@@ -10,6 +10,7 @@ from pathlib import Path
 from casashell.app.artwork import add_pictures, add_report
 from casashell.app.display import Reporter
 from casashell.app.failures import CommandError, reading_input, writing_files
+from casashell.app.hints import hints
 from casashell.app.options import SceneOptions
 from casashell.app.scene import Scene, SceneSpec
 from casashell.contact.detect import describe
@@ -17,6 +18,7 @@ from casashell.io.results import owned, record_of, save_result
 from casashell.io.staging import check_folder
 from casashell.result import Result
 from casashell.solve import solve
+from casashell.status import Status
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
     clock = Clock()
     folder = output.out or Path(f"{options.shell.stem}-natural")
     _check_out(folder, output.force)
-    with reading_input():
+    with reading_input(mended=repair):
         spec = options.spec()
         _check_inputs_survive(spec, folder)
         scene = spec.load(repair=repair)
@@ -58,6 +60,8 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
     reporter.scene(scene, contacts)
     for finding in scene.problem.findings:
         reporter.line(f"{finding.severity}: {finding.message}")
+    for hint in hints(scene):
+        reporter.line(f"hint: {hint}")
     clock.lap("read")
     result = solve_scene(scene, reporter)
     clock.lap("solve")
@@ -98,7 +102,7 @@ def store(
         names += add_report(result, folder, scene.name, scene.up_vector)
     clock.lap("report")
     remark = None
-    if output.pictures:
+    if output.pictures and result.status is not Status.INTERRUPTED:  # nobody waits for them
         drawn, remark = add_pictures(result, folder, scene.up_vector)
         names += drawn
         clock.lap("pictures")

@@ -152,9 +152,12 @@ def parse_pins(text: str) -> Pins:
     """``3,17,42`` as ids; anything else is the path of a file."""
     if re.fullmatch(r"\s*[-+]?\d+\s*(,\s*[-+]?\d+\s*)*,?\s*", text):
         return tuple(int(part) for part in text.split(",") if part.strip())
-    if re.fullmatch(r"[-+\d.,\s]+", text) and not Path(text).exists():
-        raise ValueError(f"--pin {text}: vertex ids are whole numbers, for example --pin 3,17,42")
-    return Path(text)
+    path = Path(text)
+    if not text.strip() or (not path.exists() and re.fullmatch(r"[-+\d.,\s]+|.*,.*", text)):
+        raise ValueError(
+            f"--pin '{text}': give whole numbers, for example --pin 3,17,42, or the name of a file"
+        )
+    return path
 
 
 def read_pins(pins: Pins) -> tuple[int, ...]:
@@ -165,7 +168,7 @@ def read_pins(pins: Pins) -> tuple[int, ...]:
     if not isinstance(pins, Path):
         return pins
     try:
-        lines = pins.read_text(encoding="utf-8").splitlines()
+        lines = pins.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise ValueError(f"{pins} is not a text file of vertex ids") from None
     ids: list[int] = []
@@ -174,6 +177,8 @@ def read_pins(pins: Pins) -> tuple[int, ...]:
             if not re.fullmatch(r"[-+]?\d{1,18}", word):
                 raise ValueError(f"{pins}, line {number}: '{word[:40]}' is not a vertex id")
             ids.append(int(word))
+    if not ids:
+        raise ValueError(f"{pins} holds no vertex ids: write one a line, or leave the pins out")
     return tuple(ids)
 
 

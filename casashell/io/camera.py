@@ -42,8 +42,9 @@ def directions(up: Sequence[float]) -> tuple[FloatArray, FloatArray, FloatArray]
     Front is where garments face by custom: +z when y is up, -y when z is up, +y when x is up.
     """
     axis = np.asarray(up, dtype=np.float64)
-    if axis.shape != (3,) or not np.all(np.isfinite(axis)) or not np.linalg.norm(axis) > 0:
+    if axis.shape != (3,) or not np.all(np.isfinite(axis)) or not axis.any():
         raise ValueError(f"up must be three numbers, not all zero, got {tuple(up)}")
+    axis = axis / np.abs(axis).max()  # the squares of tiny and huge numbers leave the range
     axis = axis / np.linalg.norm(axis)
     customs = {0: (0.0, 1.0, 0.0), 1: (0.0, 0.0, 1.0), 2: (0.0, -1.0, 0.0)}
     front = np.array(customs[int(np.argmax(np.abs(axis)))])

@@ -42,7 +42,7 @@ def engineering(value: float, unit: str = "", digits: int = 3) -> str:
     third = min(max(third, min(_PREFIXES)), max(_PREFIXES))
     scaled = rounded / 10.0 ** (3 * third)
     places = max(digits - 1 - (exponent - 3 * third), 0)
-    if places > digits + 2:  # below the smallest prefix
+    if places > digits + 2 or abs(scaled) >= 1e6:  # beyond the prefixes
         return _signed(f"{rounded:.{digits - 1}e} {unit}")
     return _signed(f"{scaled:.{places}f} {_PREFIXES[third]}{unit}")
 

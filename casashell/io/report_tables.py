@@ -39,9 +39,9 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
     """The proof, one line for each number of the certificate."""
     c = result.certificate
     stiff = None if c.min_eigenvalue_scaled is None else c.min_eigenvalue_scaled > NEUTRAL
-    motions = "1 neutral motion" if c.neutral_modes == 1 else f"{c.neutral_modes} neutral motions"
-    neutral = f"; {motions} found" if c.neutral_modes else ""
+    neutral = f"; neutral motions found: {c.neutral_modes}" if c.neutral_modes else ""
     eigenvalue = c.min_eigenvalue
+    unknown = "not computed" if c.free_force is None else "no vertex is free"
     return (
         _number(
             "free force",
@@ -73,7 +73,7 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
             "lowest stiffness",
             "smallest eigenvalue of the second derivative of the energy over the vertices that are "
             f"free to move{neutral}",
-            "not computed" if eigenvalue is None else engineering(eigenvalue, "N/m"),
+            unknown if eigenvalue is None else engineering(eigenvalue, "N/m"),
             "" if eigenvalue is None else f"{eigenvalue!r} N/m",
             "> 0",
             stiff,
@@ -84,6 +84,7 @@ def certificate_lines(result: Result) -> tuple[Line, ...]:
             c.min_eigenvalue_scaled,
             f"> {_short(NEUTRAL)}",
             stiff,
+            missing=unknown,
         ),
         _number(
             "distance to target",

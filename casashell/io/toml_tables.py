@@ -25,7 +25,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     for a file that cannot be opened.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as problem:
         raise ValueError(f"{path} is not a text file in UTF-8: {problem.reason}") from None
     except tomllib.TOMLDecodeError as problem:

@@ -125,3 +125,31 @@ def test_hints_about_placement(page_file: Path) -> None:
     under = run(*scene, block(Path("under.obj"), -25.0, 50.0, -50.0))
     assert "hint" not in under.stdout
     assert under.exit_code == 0
+    itself = run(*scene[:-1], "--obstacle", page_file)
+    assert "'page' has the very extent of the shell" in itself.stdout
+
+
+def test_hints_about_contact(page_file: Path, options: list[str]) -> None:
+    wide = run("check", page_file, *options, "--tolerance", "100")
+    assert "hint: the contact tolerance is 441 % of the shell's size" in wide.stdout
+    deep = run("check", page_file, *options, "--plane", "0,0,1,30")
+    assert "42 of 42 vertices are deep inside an obstacle" in deep.stdout
+
+
+def test_invert_gives_the_hints_too(page_file: Path, options: list[str]) -> None:
+    outcome = run("invert", page_file, *options, "--tolerance", "100", "--out", "out", SILENT)
+    assert "hint: the contact tolerance" in outcome.stdout
+
+
+def test_hints_survive_hardly_any_gravity(page_file: Path, options: list[str]) -> None:
+    outcome = run("check", page_file, *options, "--gravity", "1e-300")
+    assert outcome.exit_code == 0, outcome.output
+    assert "nan" not in outcome.stdout
+
+
+def test_nothing_free_to_move_is_no_missing_number(page_file: Path, options: list[str]) -> None:
+    every = ",".join(map(str, range(42)))
+    outcome = run("invert", page_file, *options, "--pin", every, "--out", "out", SILENT)
+    assert outcome.exit_code == 0, outcome.output
+    assert "no vertex is free to move" in outcome.stdout
+    assert "no vertex is free" in Path("out/report.html").read_text(encoding="utf-8")

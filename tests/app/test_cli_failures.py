@@ -54,6 +54,9 @@ BAD_INPUT = {
     "pin out of range": (["page.obj", "--pin", "3,42"], "42"),
     "negative pin": (["page.obj", "--pin", "-1"], "-1"),
     "pin file with words": (["page.obj", "--pin", "pins.txt"], "line 2"),
+    "pin file without ids": (["page.obj", "--pin", "nopins.txt"], "no vertex ids"),
+    "pins with a word": (["page.obj", "--pin", "3,four"], "whole numbers"),
+    "pin of nothing": (["page.obj", "--pin", ""], "whole numbers"),
     "missing pin file": (["page.obj", "--pin", "none.txt"], "none.txt"),
     "unknown unit": (["page.obj", "--unit", "foot"], "dm"),
     "unit zero": (["page.obj", "--unit", "0"], "unit"),
@@ -71,6 +74,7 @@ BAD_INPUT = {
     "unknown option": (["page.obj", "--metod", "direct"], "--metod"),
     "number expected": (["page.obj", "--gravity", "down"], "--gravity"),
     "loose vertex": (["loose.obj"], "--repair"),
+    "beyond repair": (["fan.obj", "--repair"], "what --repair leaves"),
     "broken toml": (["broken.toml"], "broken.toml"),
     "unknown key": (["unknown.toml"], "did you mean 'density'"),
     "file in the way": (["page.obj", "--out", "page.obj"], "page.obj"),
@@ -83,7 +87,10 @@ def test_bad_input_is_exit_code_2_and_writes_nothing(page_file: Path, name: str)
     arguments, message = BAD_INPUT[name]
     Path("nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
     Path("loose.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n")
+    fan = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nf 1 2 3\nf 2 1 4\nf 1 2 5\n"
+    Path("fan.obj").write_text(fan)
     Path("pins.txt").write_text("3\nfour\n")
+    Path("nopins.txt").write_text("# none\n")
     Path("broken.toml").write_text("[shell\n")
     Path("unknown.toml").write_text('[shell]\nfile = "page.obj"\n[material]\ndensty = 1\n')
     before = sorted(Path().rglob("*"))
@@ -123,8 +130,9 @@ def test_interrupt_keeps_the_best_so_far(
         yield stop
 
     monkeypatch.setattr(Reporter, "live", live)
-    outcome = run("invert", page_file, *options, "--out", "out", SILENT)
+    outcome = run("invert", page_file, *options, "--out", "out")
     assert outcome.exit_code == 130, outcome.output
+    assert not list(Path("out").glob("*.png"))  # nobody waits for pictures of that
     assert json.loads(Path("out/result.json").read_text())["status"] == "INTERRUPTED"
     assert "INTERRUPTED" in Path("out/natural.obj").read_text().splitlines()[0]
 

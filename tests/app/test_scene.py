@@ -14,7 +14,7 @@ from casashell import solve
 from casashell.app.builtin import skirt
 from casashell.app.scene import Scene, SceneSpec
 from casashell.app.scene_reader import read_scene
-from casashell.app.values import parse_pins
+from casashell.app.values import parse_pins, read_pins
 from casashell.contact.obstacles import Capsule, Cone, Cylinder, MeshObstacle, Plane, Sphere
 from casashell.io.meshes import write_mesh
 from casashell.io.results import save_result
@@ -143,6 +143,14 @@ def test_pins_as_a_list_or_a_path() -> None:
     assert parse_pins("3,17, 42") == (3, 17, 42)
     assert parse_pins("7") == (7,)
     assert parse_pins("pins.txt") == Path("pins.txt")
+
+
+def test_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    pins, scene = tmp_path / "pins.txt", tmp_path / "scene.toml"
+    pins.write_text("3\n17\n", encoding="utf-8-sig", newline="\r\n")
+    scene.write_text('[shell]\nfile = "page.obj"\n', encoding="utf-8-sig")
+    assert read_pins(pins) == (3, 17)
+    assert read_scene(scene).shell == tmp_path / "page.obj"
 
 
 SHELL = '[shell]\nfile = "page.obj"\n'

@@ -159,6 +159,12 @@ def test_up_without_direction_is_refused(up: tuple[float, ...]) -> None:
         directions(up)
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e300])
+def test_up_may_be_as_long_as_it_likes(size: float) -> None:
+    for found, wanted in zip(directions((0.0, size, 0.0)), directions((0.0, 1.0, 0.0))):
+        np.testing.assert_array_equal(found, wanted)
+
+
 class Egg:
     """An obstacle of a kind this package does not know: a ball of 0.3 m."""
 
@@ -227,6 +233,7 @@ def test_cropping_keeps_what_is_near() -> None:
         (0.0, "N", "0 N"),
         (1234.5, "", "1230"),
         (3.25e-12, "", "3.25e−12"),
+        (-2.5e299, "N", "−2.50e+299 N"),
     ],
 )
 def test_engineering_form(value: float, unit: str, text: str) -> None:
