@@ -8,6 +8,7 @@ from typing import Final
 from casashell.status import Status
 
 _PREFIXES: Final = {-4: "p", -3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
+_ROUNDING: Final = 1e-12
 _MINUS: Final = "\N{MINUS SIGN}"
 
 STATUS_WORDS: Final = {
@@ -48,13 +49,18 @@ def engineering(value: float, unit: str = "", digits: int = 3) -> str:
 
 
 def percent(value: float, digits: int = 3) -> str:
-    """A ratio as a percentage: 0.01234 -> "1.23 %"."""
-    return f"{_signed(f'{100 * value:.{digits}g}')} %"
+    """A ratio as a percentage: 0.01234 -> "1.23 %"; rounding errors are 0."""
+    return f"{_signed(f'{100 * _clean(value):.{digits}g}')} %"
 
 
 def degrees(value: float, digits: int = 3) -> str:
-    """An angle in radians as degrees: 0.5 -> "28.6°"."""
-    return f"{_signed(f'{math.degrees(value):.{digits}g}')}°"
+    """An angle in radians as degrees: 0.5 -> "28.6°"; rounding errors are 0."""
+    return f"{_signed(f'{math.degrees(_clean(value)):.{digits}g}')}°"
+
+
+def _clean(value: float) -> float:
+    """The value, or zero when it is rounding of quantities around one."""
+    return 0.0 if abs(value) < _ROUNDING else value
 
 
 def round_up(value: float) -> float:

@@ -25,6 +25,7 @@ from casashell.io.colours import (
     stretch_map,
 )
 from casashell.io.forces import BEYOND, ForceArrows, force_arrows
+from casashell.io.placing import placed
 from casashell.io.sheet import ColourBar, Panel, write_panel, write_sheet
 from casashell.io.studio import Curves, Dots, Layer, PicturesUnavailable, Studio
 from casashell.io.tessellate import Region, tessellate
@@ -88,8 +89,8 @@ def write_pictures(
 def _scene(result: Result, up: Sequence[float]) -> _Scene:
     target = result.target
     used = np.unique(target.faces)
-    drawn = force_arrows(result)
-    camera = framed(target.vertices[used], result.rest[used], drawn.surface.vertices, up=up)
+    drawn, natural = force_arrows(result), placed(target, result.rest)
+    camera = framed(target.vertices[used], natural[used], drawn.surface.vertices, up=up)
     width = round(_PANEL * math.sqrt(camera.aspect))
     region = Region.around(target.vertices[used], scale=1.25)
     obstacles = tuple(
@@ -97,7 +98,7 @@ def _scene(result: Result, up: Sequence[float]) -> _Scene:
     )
     return _Scene(
         result,
-        target.moved(result.rest),
+        target.moved(natural),
         camera,
         (width, round(width / camera.aspect)),
         obstacles,

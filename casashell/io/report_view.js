@@ -239,7 +239,7 @@
   const legends = {
     target: "The designed shape. Grey: what it lies on.",
     forces: arrows.legend.charAt(0).toUpperCase() + arrows.legend.slice(1) + ". Colour: share of the available friction in use; red: beyond it.",
-    natural: "The shape to cut and sew. Dark blue: rims of the target.",
+    natural: "The shape to cut and sew, laid on the target as well as it goes. Dark blue: rims of the target.",
     stretch: "Edge lengths, natural against target. Blue: shorter, red: longer.",
     bend: "Dihedral angles, natural against target. White: unchanged.",
   };

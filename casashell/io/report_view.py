@@ -23,6 +23,7 @@ from casashell.io.colours import (
     stretch_map,
 )
 from casashell.io.forces import BEYOND, force_arrows
+from casashell.io.placing import placed
 from casashell.io.tessellate import Region, Surface, cropped, sunk, tessellate, thinned
 from casashell.result import Result
 from casashell.strain import Strain, strain
@@ -43,7 +44,8 @@ def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]
     target = result.target
     surface, ids = thinned(Surface(target.vertices, target.faces), SHELL_FACES)
     measured = strain(target, result.rest)
-    region = Region.around(target.vertices[ids], result.rest[ids], scale=1.3)
+    natural = placed(target, result.rest)[ids]
+    region = Region.around(target.vertices[ids], natural, scale=1.3)
     remarks = []
     if len(surface.faces) < len(target.faces):
         remarks.append(
@@ -60,7 +62,7 @@ def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]
         )
     right, axis, front = directions(up)
     data = {
-        "shell": _shell(result, surface, ids, measured),
+        "shell": _shell(surface, ids, natural, measured),
         "edges": _pack(target.edges) if len(target.faces) <= _EDGED_FACES else None,
         "rims": [_pack(target.vertices[np.append(loop, loop[0])]) for loop in _rims(result)],
         "obstacles": obstacles,
@@ -78,7 +80,7 @@ def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]
             "pinned": PINNED,
             "beyond": TOO_MUCH,
         },
-        "box": _box(target.vertices[ids], result.rest[ids], arrows["points"]),
+        "box": _box(target.vertices[ids], natural, arrows["points"]),
         "up": [float(value) for value in axis],
         "eye": [float(value) for value in 0.45 * right + 0.25 * axis + 0.85 * front],
     }
@@ -86,10 +88,12 @@ def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]
     return json.dumps(data, allow_nan=False, separators=(",", ":")), tuple(remarks)
 
 
-def _shell(result: Result, surface: Surface, ids: AnyArray, measured: Strain) -> dict[str, Any]:
+def _shell(
+    surface: Surface, ids: AnyArray, natural: FloatArray, measured: Strain
+) -> dict[str, Any]:
     return {
         "target": _pack(surface.vertices),
-        "natural": _pack(result.rest[ids]),
+        "natural": _pack(natural),
         "faces": _pack(surface.faces),
         "ids": _pack(ids),
         "stretch": _pack(100.0 * measured.stretch_vertices[ids]),

@@ -123,7 +123,7 @@ def test_nothing_is_loaded_from_elsewhere(tmp_path: Path) -> None:
 
 @plotly
 def test_view_data_is_the_result(tmp_path: Path) -> None:
-    result = sample(0.9)
+    result = replace(sample(0.9), rest=sample(0.9).rest + np.array([5.0, 0.0, 0.0]))
     _, source = page(result, tmp_path)
     found = re.search(r'id="view-data">(.*?)</script>', source, re.S)
     assert found is not None
@@ -134,7 +134,11 @@ def test_view_data_is_the_result(tmp_path: Path) -> None:
         return flat.reshape(-1, packed["w"])
 
     shell = data["shell"]
-    np.testing.assert_allclose(unpack(shell["natural"]), result.rest, rtol=1e-6, atol=1e-7)
+    centre = result.target.vertices.mean(
+        axis=0
+    )  # the natural shape, nine tenths as large, is there
+    wanted = centre + 0.9 * (result.target.vertices - centre)
+    np.testing.assert_allclose(unpack(shell["natural"]), wanted, rtol=1e-6, atol=1e-7)
     np.testing.assert_array_equal(unpack(shell["faces"]), result.target.faces)
     np.testing.assert_allclose(unpack(shell["stretch"]), -10.0, rtol=1e-5)
     np.testing.assert_allclose(unpack(data["arrows"]["use"])[:, 0], [50.0, 200.0], rtol=1e-6)
