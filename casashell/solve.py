@@ -5,18 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
 from casashell.inverse.certificate import certify, no_certificate
 from casashell.inverse.direct import DirectSolver
-from casashell.inverse.one_shot import NlpSolver
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
-from casashell.inverse.step_two import Method as StepTwoMethod
-from casashell.inverse.two_step import PRESETS, TwoStepSolver
 from casashell.problem import Problem
 from casashell.result import Certificate, Result, Step
 from casashell.status import Status
@@ -24,6 +22,8 @@ from casashell.typing import AnyArray, FloatArray
 
 METHODS = ("auto", "direct", "two-step", "nlp")
 STEP2 = ("ipopt", "bfgs")
+PRESETS = ("scaled", "paper")
+StepTwoMethod: TypeAlias = Literal["ipopt", "bfgs"]
 Callback = Callable[[Step], None]
 
 
@@ -90,7 +90,7 @@ def solve(
     for name, value, known in (
         ("method", method, METHODS),
         ("step2", step2, STEP2),
-        ("preset", preset, tuple(PRESETS)),
+        ("preset", preset, PRESETS),
     ):
         if value not in known:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got '{value}'")
@@ -124,8 +124,13 @@ def solve(
 def _solver(run: _Run, piece: Piece, step2: StepTwoMethod, preset: str) -> PieceSolver:
     """The method asked for, on one piece."""
     if run.method == "two-step":
-        return TwoStepSolver(piece, run.report, step2=step2, continuation=PRESETS[preset])
+        from casashell.inverse.two_step import PRESETS as SCHEDULES  # loaded when asked for
+        from casashell.inverse.two_step import TwoStepSolver
+
+        return TwoStepSolver(piece, run.report, step2=step2, continuation=SCHEDULES[preset])
     if run.method == "nlp":
+        from casashell.inverse.one_shot import NlpSolver
+
         return NlpSolver(piece, run.report)
     return DirectSolver(piece, run.report)
 

@@ -26,11 +26,11 @@ from casashell.app.values import (
     read_pins,
 )
 from casashell.contact.obstacles import Obstacle
-from casashell.inverse.step_two import Method as StepTwoMethod
 from casashell.io.obstacle_tables import read_obstacle
 from casashell.mesh import TriMesh
 from casashell.mesh_checks import validate
 from casashell.problem import Problem
+from casashell.solve import StepTwoMethod
 from casashell.typing import FloatArray, IntArray
 from formulations import discrete_shell
 
