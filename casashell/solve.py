@@ -145,10 +145,11 @@ def _gathered(
     target, contacts = run.problem.target.vertices, run.problem.contacts
     rest, pose, forces = target.copy(), target.copy(), np.zeros((len(contacts), 3))
     outcomes = []
+    shift = np.zeros(3) if in_place or not run.pieces else run.pieces[0].origin
     for piece, solver in zip(run.pieces, run.solvers, strict=False):
         outcome = solver.salvage() if run.interrupted else solver.best
         outcomes.append(outcome)
-        rest[piece.vertices] = outcome.rest + (piece.origin if in_place else 0.0)
+        rest[piece.vertices] = outcome.rest + (piece.origin - shift)
         if outcome.pose is not piece.target:
             pose[piece.vertices] = outcome.pose + piece.origin
         mine = np.isin(contacts.vertices, piece.vertices)

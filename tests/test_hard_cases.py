@@ -18,7 +18,8 @@ from casashell.engine.energy import Energy
 from casashell.engine.sparse_solver import make_solver
 from casashell.inverse import certificate as certificate_module
 from casashell.inverse.advice import status_of
-from casashell.inverse.certificate import certify
+from casashell.inverse.certificate import certify, stiffness_matrix
+from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Certificate
 from casashell.solve import solve
@@ -270,3 +271,51 @@ def test_without_inertia_the_lowest_eigenvalue_is_still_the_lowest(where, monkey
         else certificate_module.lowest_eigenvalues(a, 1)
     )
     assert found[0] == pytest.approx(np.linalg.eigvalsh(a.toarray())[0], rel=1e-6)
+
+
+def _arch(height: float) -> TriMesh:
+    """Arch that stands on z = 0, with a triangle of smallest height ``height`` [m] cut into a face."""
+    turn, y = (a.ravel() for a in np.mgrid[0 : np.pi : 21j, 0:0.05:6j])
+    points = np.column_stack([-0.05 * np.cos(turn), y, 0.05 * np.sin(turn)])
+    points[np.abs(points[:, 2]) < 1e-12, 2] = 0.0
+    i = np.arange(21 * 6).reshape(21, 6)
+    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    corners = faces[40]
+    low, high, top = points[corners]
+    point = 0.5 * (low + high)
+    inwards = top - point
+    new = point + height * inwards / np.linalg.norm(inwards)
+    p, q, r = (int(v) for v in corners)
+    n = len(points)
+    kept = np.delete(faces, 40, axis=0)
+    return TriMesh(np.vstack([points, new]), np.vstack([kept, [[p, q, n], [q, r, n], [r, p, n]]]))
+
+
+@pytest.mark.parametrize("height", [1e-3, 1e-4, 3e-5])
+def test_slivers_do_not_spoil_the_certificate(height):
+    """Against exact derivatives: the certificate took one step length for all stencils once."""
+    mesh = _arch(height)
+    terms = PlainShell(mesh, density=0.5).terms()
+    exact = Assembly(terms, len(mesh.vertices))
+    rest = mesh.vertices * 1.001
+    plain = stiffness_matrix(terms, mesh.vertices, rest, mesh.mean_edge_length).toarray()
+    full = exact.pattern.matrix(exact.hessian(mesh.vertices, rest)[1]).toarray()
+    assert np.abs(plain - full).max() <= 1e-7 * np.abs(full).max()
+    lowest = np.linalg.eigvalsh(full)[:8]
+    assert np.linalg.eigvalsh(plain)[:8] == pytest.approx(lowest, abs=1e-9 * np.abs(full).max())
+
+
+def test_a_single_triangle_is_solved_or_says_why():
+    mesh = TriMesh([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
+    assert solve(Problem(mesh, PlainShell(mesh).terms(), pinned=[0, 1, 2])).status is Status.SOLVED
+    assert not solve(Problem(mesh, PlainShell(mesh).terms(), pinned=[0, 1])).status.certified
+
+
+def test_vanishing_weight_proves_nothing():
+    mesh = _arch(2e-3)
+    floor = (Plane((0, 0, 1), 0.0, friction=0.5),)
+    for g in (0.0, 1e-160, 1e-300):
+        terms = PlainShell(mesh, gravity=(0, 0, -g)).terms()
+        found = solve(Problem(mesh, terms, floor, contact_tolerance=1e-6))
+        assert found.status is not Status.INFEASIBLE

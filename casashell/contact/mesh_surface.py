@@ -221,7 +221,11 @@ def _check_outward(
         if _inside_others(x, faces, labels, int(part)):
             continue
         where = "" if len(first) == 1 else f" in the part with face {int(face_ids[first[part]])}"
-        step = "leave out flip" if flip else "pass flip=True, or reverse the faces in the file"
+        step = (
+            "leave out flip"
+            if flip
+            else "pass flip=True (flip = true in a scene file), or reverse the faces in the file"
+        )
         raise ValueError(
             f"{label} is inside out{where}: its faces wind inwards "
             f"(signed volume {volume[part]:.3g}); {step}"

@@ -37,7 +37,7 @@ Plain: TypeAlias = Callable[[AnyArray], AnyArray]
 
 def _plain(term: Energy, x: FloatArray, r: FloatArray) -> tuple[AnyArray, Plain | None]:
     """Positions of the stencils (3k,S), and the term's NumPy form as a function of them."""
-    now = np.ascontiguousarray(x[term.stencils].reshape(len(term.stencils), -1).T)
+    now = np.ascontiguousarray(x[term.stencils].reshape(-1, 3 * term.size).T)
     if term.reference is None:
         return now, None
     rest = np.ascontiguousarray(np.moveaxis(r[term.stencils], 0, 2))
@@ -61,7 +61,7 @@ def stencil_forces(term: Energy, x: FloatArray, r: FloatArray) -> FloatArray:
 
 def stencil_stiffness(term: Energy, x: FloatArray, r: FloatArray, length: float) -> FloatArray:
     """d2E/dx2 of every stencil (S,3k,3k): complex step in one variable, differences in the other."""
-    step = 1e-5 * length
+    step = 1e-5 * _thickness(x[term.stencils], length)
     now, energy = _plain(term, x, r)
     size = len(now)
     if energy is None:
@@ -81,6 +81,23 @@ def stencil_stiffness(term: Energy, x: FloatArray, r: FloatArray, length: float)
     return made
 
 
+def _thickness(points: FloatArray, length: float) -> FloatArray:
+    """Length (S,) over which the energy of each stencil (S,k,3) varies: its thinnest triangle.
+
+    Distance of the first two vertices and heights of the others over it; a height enters the
+    stiffness squared, so that a step of the size of an edge is far too long on a sliver.
+    """
+    if points.shape[1] == 1:
+        return np.full(len(points), length)
+    edge = points[:, 1] - points[:, 0]
+    size = np.linalg.norm(edge, axis=1)
+    smallest = np.minimum(size, length)
+    for other in range(2, points.shape[1]):
+        across = np.linalg.norm(np.cross(edge, points[:, other] - points[:, 0]), axis=1)
+        smallest = np.minimum(smallest, across / size)
+    return np.asarray(smallest)
+
+
 def _interpreted(term: Energy, x: FloatArray, r: FloatArray, *, second: bool) -> FloatArray:
     """Derivatives of a term without NumPy form, by CasADi's virtual machine, one row a stencil."""
     k = term.size
@@ -94,7 +111,7 @@ def _interpreted(term: Energy, x: FloatArray, r: FloatArray, *, second: bool) ->
         np.asarray(function(xs.T, rs.T, ps)).ravel()
         for xs, rs, ps in zip(x[term.stencils], r[term.stencils], term.params, strict=True)
     ]
-    return np.array(rows).reshape(len(rows), -1)
+    return np.array(rows).reshape(len(rows), (9 * k * k) if second else 3 * k)
 
 
 def total_energy(energies: Sequence[Energy], x: FloatArray, r: FloatArray) -> float:
@@ -288,7 +305,8 @@ def no_certificate(target: TriMesh) -> Certificate:
 def scale_of_forces(energies: Sequence[Energy], target: FloatArray) -> float:
     """Mean nodal weight at the target [N], which is f0 unless it is zero."""
     loads = total_forces([term for term in energies if term.load], target, target)
-    return float(np.linalg.norm(loads, axis=1).mean())
+    largest = float(np.abs(loads).max(initial=0.0))  # squares of tiny loads would vanish
+    return largest * float(np.linalg.norm(loads / (largest or 1.0), axis=1).mean())
 
 
 def _felt(forces: FloatArray, contacts: Contacts, pinned: IntArray) -> float:

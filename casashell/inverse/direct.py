@@ -80,8 +80,9 @@ class DirectSolver:
 
     def _rungs(self) -> Iterator[tuple[str, ForceChoice]]:
         piece = self.piece
-        if len(piece.contacts.vertices) == 0:
-            yield "no contact forces", lambda loads: np.zeros((0, 3))
+        if len(piece.contacts.vertices) == 0 or not piece.loads.any():
+            nothing = np.zeros((len(piece.contacts.vertices), 3))
+            yield "no contact forces", lambda loads: nothing
             return
         wanted = bilateral_reactions(piece)
         tried = None

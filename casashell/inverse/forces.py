@@ -238,9 +238,10 @@ def is_obstruction(piece: Piece, motion: FloatArray) -> bool:
     """Plain check of the proof of `rigid_obstruction`: strict signs, nothing but arithmetic."""
     contacts = piece.contacts
     loose = np.setdiff1d(np.arange(len(piece.target)), piece.pinned)
-    for load in piece.load_terms:
-        loaded = loose[np.linalg.norm(load[loose], axis=1) > 0.0]
-        if not np.all((load[loaded] * motion[loaded]).sum(axis=1) > 0.0):
+    for newtons in piece.load_terms:
+        load = newtons / (float(np.abs(newtons).max(initial=0.0)) or 1.0)
+        loaded = loose[np.abs(load[loose]).max(axis=1) > 0.0]
+        if len(loaded) == 0 or not np.all((load[loaded] * motion[loaded]).sum(axis=1) > 0.0):
             return False
     z = motion[contacts.vertices]
     normal = (z * contacts.normals).sum(axis=1)

@@ -39,7 +39,8 @@ class Piece:
     @cached_property
     def f0(self) -> float:
         """Mean nodal weight [N], which tolerances on forces are relative to; 1 N without weight."""
-        weight = float(np.linalg.norm(self.loads, axis=1).mean())
+        largest = float(np.abs(self.loads).max(initial=0.0))  # squares of tiny loads would vanish
+        weight = largest * float(np.linalg.norm(self.loads / (largest or 1.0), axis=1).mean())
         return weight if weight > 0.0 else 1.0
 
     @cached_property
