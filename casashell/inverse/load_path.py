@@ -119,7 +119,7 @@ class LoadPath:
             flat = np.zeros(target.size)
             flat[self.dofs] = step[:size]
             moved = flat.reshape(-1, 3)
-            damping = _damping(rest, moved, piece.edges)
+            damping = min(1.0, longest_step(rest, moved, piece.edges))
             if damping < 0.02:
                 return None
             rest = rest + damping * moved
@@ -185,10 +185,10 @@ def unsupported(piece: Piece) -> int:
     return int(modes.shape[1] - np.sum(size > 1e-6 * np.linalg.norm(modes, axis=0).max()))
 
 
-def _damping(rest: FloatArray, moved: FloatArray, edges: IntArray) -> float:
-    """Largest factor <= 1 at which no edge changes by more than half its length."""
+def longest_step(points: FloatArray, move: FloatArray, edges: IntArray) -> float:
+    """Largest share of ``move`` (n,3) at which no edge changes by more than half its length."""
     i, j = edges[:, 0], edges[:, 1]
-    length = np.linalg.norm(rest[j] - rest[i], axis=1)
-    change = np.linalg.norm(moved[j] - moved[i], axis=1)
+    length = np.linalg.norm(points[j] - points[i], axis=1)
+    change = np.linalg.norm(move[j] - move[i], axis=1)
     ratio = float(np.max(change / length, initial=0.0))
-    return 1.0 if ratio <= 0.5 else 0.5 / ratio
+    return 0.5 / ratio if ratio > 0.0 else np.inf

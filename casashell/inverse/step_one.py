@@ -12,10 +12,10 @@ from casashell.inverse.drape import BUDGET, TOLERANCE, Draped, DrapeMethod, Drap
 from casashell.inverse.free_system import FreeSystem
 from casashell.inverse.inverse_hessian import DenseBfgs, LimitedBfgs, QuasiNewton
 from casashell.inverse.line_search import Trial, weak_wolfe
-from casashell.inverse.load_path import Report
+from casashell.inverse.load_path import Report, longest_step
 from casashell.inverse.pulled import Pulled
 from casashell.result import Step
-from casashell.typing import ArrayLike, FloatArray, IntArray
+from casashell.typing import ArrayLike, FloatArray
 
 StepOneMethod: TypeAlias = Literal["auto", "bfgs", "l-bfgs", "newton"]
 METHODS: tuple[StepOneMethod, ...] = ("auto", "bfgs", "l-bfgs", "newton")
@@ -270,15 +270,6 @@ class StepOne:
         draped = Draped(self.target.copy(), np.inf, 0, 0, stable=False, converged=False)
         self.best = StepOneShape(rest, draped, np.inf, np.inf, 0, self.evaluations, "no drape")
         return self.best
-
-
-def longest_step(points: FloatArray, move: FloatArray, edges: IntArray) -> float:
-    """Largest share of ``move`` (n,3) at which no edge changes by more than half its length."""
-    i, j = edges[:, 0], edges[:, 1]
-    length = np.linalg.norm(points[j] - points[i], axis=1)
-    change = np.linalg.norm(move[j] - move[i], axis=1)
-    ratio = float(np.max(change / length, initial=0.0))
-    return 0.5 / ratio if ratio > 0.0 else np.inf
 
 
 def step_one(

@@ -15,7 +15,7 @@ from plain_shell import PlainShell
 from casashell.contact.obstacles import Plane
 from casashell.engine.assembly import Assembly
 from casashell.engine.energy import Energy
-from casashell.inverse.load_path import TIGHT, LoadPath
+from casashell.inverse.load_path import TIGHT, LoadPath, longest_step
 from casashell.inverse.piece import Piece, split
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
@@ -143,3 +143,12 @@ def test_prescribed_forces_are_met() -> None:
     masses_moved = piece.assembly.nodal_loads(point.rest).sum(axis=0) - piece.loads.sum(axis=0)
     slack = 1e-9 * piece.f0 + np.abs(masses_moved).max()  # what the multipliers had to add
     assert np.abs(found - forces).max() <= slack
+
+
+def test_longest_step_halves_the_edge_that_changes_most() -> None:
+    """By hand: edges of length 1 and 2; the move changes them by 4 and 1, so 0.5 * 1 / 4 is allowed."""
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0]])
+    move = np.array([[0.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 5.0, 0.0]])
+    edges = np.array([[0, 1], [1, 2]])
+    assert longest_step(points, move, edges) == pytest.approx(0.125)
+    assert longest_step(points, np.ones((3, 3)), edges) == np.inf
