@@ -182,6 +182,18 @@ class Assembly:
         """Entries of d2(w . dE/dx)/dr2 in ``pattern``, for multipliers w (V,3)."""
         return self._second("lagrangian", x, r, load, _positions(w, self.count))[1]
 
+    def lagrangian_mixed(
+        self, x: FloatArray, r: FloatArray, w: FloatArray, load: float = 1.0
+    ) -> FloatArray:
+        """Entries of d2(w . dE/dx)/dr dx in ``pattern``, rows by r and columns by x."""
+        return self._second("lagrangian_mixed", x, r, load, _positions(w, self.count))[1]
+
+    def lagrangian_pose(
+        self, x: FloatArray, r: FloatArray, w: FloatArray, load: float = 1.0
+    ) -> FloatArray:
+        """Entries of d2(w . dE/dx)/dx2 in ``pattern``: with w = v, times v, the slope of v.Hv."""
+        return self._second("lagrangian_pose", x, r, load, _positions(w, self.count))[1]
+
 
 def _positions(x: FloatArray, count: int) -> FloatArray:
     """``x`` as contiguous (count, 3) doubles, which is what the kernels read."""

@@ -21,7 +21,8 @@ import numpy as np
 from casashell.engine import build_cache
 from casashell.typing import AnyArray, FloatArray, IntArray
 
-#: Outputs of each kernel.  g = dE/dx, H = d2E/dx2, M = d2E/dx dr, A = d2(w.g)/dr2, B = d2(w.g)/dr dx.
+#: Outputs of each kernel.  g = dE/dx, H = d2E/dx2, M = d2E/dx dr, A = d2(w.g)/dr2, B = d2(w.g)/dr dx,
+#: C = d2(w.g)/dx2.
 KERNELS: dict[str, tuple[str, ...]] = {
     "energy": ("e",),
     "gradient": ("g",),
@@ -29,6 +30,7 @@ KERNELS: dict[str, tuple[str, ...]] = {
     "mixed": ("g", "M"),
     "lagrangian": ("A",),
     "lagrangian_mixed": ("B",),
+    "lagrangian_pose": ("C",),
 }
 _VERSION = "4"
 
@@ -78,6 +80,7 @@ def _symbolic(density: ca.Function, kernel: str, prefix: str | None = None) -> c
             "M": lambda: ca.jacobian(g, r),
             "A": lambda: ca.jacobian(ca.vec(ca.gradient(ca.dot(w, ca.reshape(g, 3, k)), r)), r),
             "B": lambda: ca.jacobian(ca.vec(ca.gradient(ca.dot(w, ca.reshape(g, 3, k)), r)), x),
+            "C": lambda: ca.jacobian(ca.vec(ca.gradient(ca.dot(w, ca.reshape(g, 3, k)), x)), x),
         }[output]()
         # Row-major blocks: CasADi stores columns, NumPy reads rows.
         made.append(ca.vec(ca.densify(value.T)) if value.nnz() else ca.SX(0, 0))
@@ -92,7 +95,7 @@ def _source(function: ca.Function, shape: Shape) -> str:
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(folder + "/")
         code = (Path(folder) / f"{name}.c").read_text()
-    needs_w = name.endswith(("lagrangian", "lagrangian_mixed"))
+    needs_w = name.endswith(("lagrangian", "lagrangian_mixed", "lagrangian_pose"))
     outputs = " ".join(
         f"res[{i}] = out[{i}] + {size} * s;" if size else f"res[{i}] = 0;"
         for i, size in enumerate(shape.outputs)
