@@ -90,7 +90,7 @@ class _Point:
 
 
 class StepOne:
-    """Minimises J(r) = |Φ(r) - x_t|^2 / 2 over natural shapes with fixed vertices at the target.
+    """Minimises J(r) = |Φ(r) - x_t|^2 / 2 over natural shapes whose fixed vertices do not move.
 
     method  "bfgs": the paper's; "l-bfgs": the same with limited memory; "auto": "bfgs" up to
             ``DENSE_UP_TO`` vertices and "l-bfgs" above; "newton": Newton on Φ(r) = x_t, with BFGS
@@ -134,13 +134,13 @@ class StepOne:
     def solve(self, rest0: FloatArray, pose0: FloatArray | None = None) -> StepOneShape:
         """Natural shape from ``rest0`` (n,3), draped from ``pose0`` or the target.
 
-        Fixed vertices are put at the target in both.  Never raises for shapes that do not drape.
+        Fixed vertices stay where ``rest0`` has them in the natural shape, and are put at the target in
+        the pose.  Never raises for shapes that do not drape.
         """
         self.best, self.iterations, self.evaluations, self._resume = None, 0, 0, 0
         self.curvature.forget()
         fixed = self.draper.fixed
         rest, pose = np.array(rest0, dtype=np.float64), self.target.copy()
-        rest[fixed] = self.target[fixed]
         if pose0 is not None:
             pose[:] = pose0
             pose[fixed] = self.target[fixed]

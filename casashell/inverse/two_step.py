@@ -36,6 +36,8 @@ class Continuation:
     limits       stopping rules of step one;  step1  its method, see `StepOne`
     skip         go straight to no pull once a drape meets the target: its forces then owe nothing to
                  the pull, whatever its size
+    restart      put the natural contacts back to the target before every step one (Eq. 28), rather
+                 than leave them where step two has moved them
     """
 
     first: float = 1e3
@@ -46,6 +48,7 @@ class Continuation:
     limits: Limits = field(default_factory=Limits)
     step1: StepOneMethod = "newton"
     skip: bool = True
+    restart: bool = False
 
     def pulls(self, piece: Piece) -> Iterator[float]:
         """The values of lambda [N/m], ending with zero ``rounds`` times."""
@@ -58,7 +61,7 @@ class Continuation:
 
 
 #: Ly 2018, Sec. 7.1: lambda from 1000, halved, zero below 0.1; one pass without pull.
-PAPER = Continuation(1e3, 0.1, 0.5, 1, False, PAPER_LIMITS, "auto", False)
+PAPER = Continuation(1e3, 0.1, 0.5, 1, False, PAPER_LIMITS, "auto", False, True)
 PRESETS = {"scaled": Continuation(), "paper": PAPER}
 
 
@@ -124,6 +127,9 @@ class TwoStepSolver:
     ) -> tuple[FloatArray, FloatArray]:
         """Natural shape and its drape, with contacts and pins held (Eq. 20)."""
         self.step_one.draper.pulled = Pulled(self.piece, pull)
+        if self.continuation.restart:
+            rest = rest.copy()
+            rest[self.piece.held] = self.piece.target[self.piece.held]
         shape = self.step_one.solve(rest, pose)
         self.iterations += shape.iterations
         self.arrived = shape.reason == "target"
