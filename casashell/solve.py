@@ -20,7 +20,7 @@ from casashell.result import Certificate, Result, Step
 from casashell.status import Status
 from casashell.typing import AnyArray, FloatArray
 
-METHODS = ("auto", "direct", "two-step", "nlp")
+METHODS = ("auto", "direct", "two-step", "nlp", "free-pose")
 STEP2 = ("ipopt", "bfgs")
 PRESETS = ("scaled", "paper")
 StepTwoMethod: TypeAlias = Literal["ipopt", "bfgs"]
@@ -75,8 +75,8 @@ def solve(
     """Natural shape and contact forces for which the target of ``problem`` is a stable equilibrium.
 
     method       "direct": Newton on the natural shape along the load path; "two-step": Algorithm 1
-                 of Ly 2018; "nlp": one nonlinear program at the target; "auto": the cheapest of
-                 these, which is "direct"
+                 of Ly 2018; "nlp": one nonlinear program at the target; "free-pose": the closest
+                 stable pose when the target cannot be held; "auto": the cheapest, "direct"
     step2        second step of "two-step": "ipopt", a program with cone constraints, or "bfgs",
                  descent on G_K
     preset       schedule and stopping rules of "two-step": "scaled" with the scene, or "paper"
@@ -132,6 +132,10 @@ def _solver(run: _Run, piece: Piece, step2: StepTwoMethod, preset: str) -> Piece
         from casashell.inverse.one_shot import NlpSolver
 
         return NlpSolver(piece, run.report)
+    if run.method == "free-pose":
+        from casashell.inverse.free_pose import FreePoseSolver
+
+        return FreePoseSolver(piece, run.report)
     return DirectSolver(piece, run.report)
 
 

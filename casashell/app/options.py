@@ -177,10 +177,11 @@ Bend: TypeAlias = Annotated[
 Method: TypeAlias = Annotated[
     str | None,
     typer.Option(
-        metavar="auto|direct|two-step|nlp",
+        metavar="auto|direct|two-step|nlp|free-pose",
         rich_help_panel=_SOLVER,
         help=_text(
             "direct: Newton on the natural shape; two-step: Ly 2018; nlp: one nonlinear program; "
+            "free-pose: the closest stable pose when the target cannot be held; "
             "auto: the cheapest, direct.",
             default="auto",
         ),

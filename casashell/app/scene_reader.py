@@ -3,7 +3,7 @@
 Lengths are in the file's own unit, paths relative to the file; everything but the shell is optional:
 
     name = "hat"                    # for reports
-    method = "auto"                 # auto, direct, two-step, nlp
+    method = "auto"                 # auto, direct, two-step, nlp, free-pose
     step2 = "ipopt"                 # ipopt, bfgs: second step of two-step
     gravity = 9.81                  # m/s2 along -up, or a vector [0.0, -9.81, 0.0]
     tolerance = 0.039               # contact when signed distance < tolerance

@@ -16,7 +16,7 @@ from casashell.typing import FloatArray
 
 UNITS: Final = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 UP_VECTORS: Final = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-METHODS: Final = ("auto", "direct", "two-step", "nlp")
+METHODS: Final = ("auto", "direct", "two-step", "nlp", "free-pose")
 
 Gravity: TypeAlias = float | tuple[float, float, float]
 

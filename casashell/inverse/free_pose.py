@@ -1,0 +1,188 @@
+"""The closest stable pose that can be held, when the target cannot.
+
+Newton at the target first (`DirectSolver`).  Failing that, a drape of the target with contacts held is
+stable but its contact forces are not admissible; steps of `PoseProgram` bring them into the cones and
+the pose towards the target.  After each step the natural shape is found again, exactly, by Newton at
+the new pose with the new forces, so that every iterate is an equilibrium, and a Cholesky factor
+says whether it is stable.  A step that fails either test is shortened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from casashell.contact.cone import margin
+from casashell.contact.cone import split as split_force
+from casashell.inverse.direct import DirectSolver
+from casashell.inverse.drape import Draper
+from casashell.inverse.forces import rigid_obstruction
+from casashell.inverse.free_pose_step import STEEP, PoseProgram, PoseStep
+from casashell.inverse.load_path import TIGHT, LoadPath, Report
+from casashell.inverse.outcome import Outcome, judged, starting_outcome
+from casashell.inverse.piece import Piece
+from casashell.inverse.pulled import Pulled
+from casashell.result import Step
+from casashell.typing import FloatArray
+
+MAX_STEPS: Final = 60
+#: Trials of one direction, each 0.3 times as long as the one before.
+TRIALS: Final = 5
+#: Lowest modes that a step has to keep stable once one was lost.
+MODES: Final = 4
+#: Relative drop of the distance below which admissible poses are as close as they get.
+SLOW: Final = 3e-2
+
+
+@dataclass(frozen=True)
+class _State:
+    """An equilibrium: pose, natural shape (n,3) [m] and contact forces (C,3) [N]."""
+
+    pose: FloatArray
+    rest: FloatArray
+    contact_forces: FloatArray
+    away: float  # |x - x_t|^2 / (2 h^2)
+    outside: float  # farthest of a contact force from its cone, / f0
+
+    @property
+    def merit(self) -> float:
+        return self.away + STEEP * self.outside
+
+
+class FreePoseSolver:
+    """Runs the steps on one piece and keeps the best outcome where an interrupt can find it."""
+
+    def __init__(self, piece: Piece, report: Report) -> None:
+        self.piece, self.report = piece, report
+        self.direct = DirectSolver(piece, report)
+        self.path = LoadPath(piece, lambda step: None)
+        self.draper = Draper(Pulled(piece, 0.0), piece.held)
+        self.program = PoseProgram(piece)
+        self.best = starting_outcome(piece)
+        self.notes: list[str] = []
+        self.steps = 0
+        self._unstable = False
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations and steps so far."""
+        return self.direct.iterations + self.path.iterations + self.steps
+
+    @property
+    def factorizations(self) -> int:
+        """Factorisations of all parts so far, without those of the convex programs."""
+        return (
+            self.direct.factorizations
+            + self.path.factorizations
+            + self.draper.factorizations
+            + self.program.system.factorizations
+        )
+
+    def salvage(self) -> Outcome:
+        """The best outcome so far."""
+        return self.best if self.best.rung != "start" else self.direct.salvage()
+
+    def run(self) -> Outcome:
+        """The target itself, or the closest pose found; the outcome is also in ``best``."""
+        self.best = self.direct.run()
+        self.notes += self.direct.notes
+        if self.best.good or self.best.obstruction is not None or len(self.piece.held) == 0:
+            return self.best
+        if len(self.piece.contacts):
+            obstruction = rigid_obstruction(self.piece)
+            if obstruction is not None:
+                self.best = replace(self.best, obstruction=obstruction)
+                return self.best
+        state = self._draped()
+        if state is None:
+            self.notes.append("the target does not drape to a stable pose with its contacts held")
+            return self.best
+        self._approach(state)
+        return self.best
+
+    def _draped(self) -> _State | None:
+        """The drape of the target's own shape, contacts held: stable, forces as they come."""
+        piece, at = self.piece, self.piece.contacts.vertices
+        draped = self.draper.drape(piece.target, piece.target)
+        if not draped.good:
+            return None
+        forces = piece.assembly.gradient(draped.pose, piece.target)[at]
+        share = np.bincount(at, minlength=len(piece.target))[at] if len(at) else np.ones(0)
+        return self._state(draped.pose, piece.target, forces / share[:, None])
+
+    def _state(self, pose: FloatArray, rest: FloatArray, forces: FloatArray) -> _State:
+        piece, contacts = self.piece, self.piece.contacts
+        away = 0.5 * float(((pose - piece.target) ** 2).sum()) / piece.h**2
+        outside = 0.0
+        if len(contacts):
+            normal, _ = split_force(forces, contacts.normals)
+            room = margin(forces, contacts.normals, 0.975 * contacts.friction)
+            outside = max(0.0, -float(min(room.min(), normal.min()))) / piece.f0
+        return _State(pose, rest, forces, away, outside)
+
+    def _approach(self, state: _State) -> None:
+        """Steps until the pose is admissible and comes no closer."""
+        kappa, share = 1e-2, 1.0
+        while self.steps < MAX_STEPS:
+            modes = MODES if self._unstable else 0
+            step = self.program.step(state.pose, state.rest, kappa, modes)
+            self.steps += 1
+            begin = min(1.0, share / 0.3)
+            share, reached = (1.0, None) if step is None else self._search(state, step, begin)
+            if reached is None:
+                share, kappa = 1.0, max(30.0 * kappa, 1.0)
+                if kappa > 1e6:
+                    break
+                continue
+            slow = state.outside <= 1e-9 and reached.merit > (1.0 - SLOW) * state.merit
+            state = reached
+            kappa = kappa / 5.0 if share == 1.0 else kappa if share > 0.05 else 3.0 * kappa
+            self._tell(state)
+            if state.outside <= 1e-9:
+                self._keep(state)
+            if slow and kappa < 1.0:
+                break
+        if not self.best.good:
+            self._keep(state)
+
+    def _search(self, state: _State, step: PoseStep, share: float) -> tuple[float, _State | None]:
+        """The first share of ``step`` that is a stable equilibrium of less merit."""
+        for _ in range(TRIALS):
+            reached = self._moved(state, step, share)
+            if reached is not None and reached.merit < state.merit:
+                return share, reached
+            share *= 0.3
+        return share, None
+
+    def _moved(self, state: _State, step: PoseStep, share: float) -> _State | None:
+        """Equilibrium after a share of a step: Newton on the natural shape; None unless stable."""
+        piece, at = self.piece, self.piece.contacts.vertices
+        pose = state.pose + share * step.pose
+        forces = state.contact_forces + share * (step.contact_forces - state.contact_forces)
+        self.path.piece = replace(piece, target=pose)
+        nothing = np.zeros(self.path.border.shape[1])
+        rest = state.rest + share * step.rest
+        point = self.path.newton(rest, nothing, piece.spread(forces), 1.0, TIGHT)
+        if point is None or point.residual > 1e-7:
+            return None
+        _, entries = piece.assembly.hessian(pose, point.rest)
+        if not self.program.system.factor(entries):
+            self._unstable = True
+            return None
+        if len(at):  # what balance was short of goes to the contacts
+            extra = (self.path.border @ point.correction).reshape(-1, 3)[at]
+            forces = forces + extra / np.bincount(at, minlength=len(pose))[at][:, None]
+        return self._state(pose, point.rest, forces)
+
+    def _keep(self, state: _State) -> None:
+        """Judge a state; the best of the good ones is the closest."""
+        outcome = judged(self.piece, state.rest, state.contact_forces, "free pose", pose=state.pose)
+        if outcome.good or (not self.best.good and outcome.rank > self.best.rank):
+            self.best = outcome
+
+    def _tell(self, state: _State) -> None:
+        away = float(np.abs(state.pose - self.piece.target).max()) / self.piece.h
+        note = f"{away:.3g} edge lengths from the target"
+        self.report(Step("free pose", 1.0, self.steps, state.outside, 0.0, note))
