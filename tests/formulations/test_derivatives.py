@@ -18,15 +18,19 @@ STEPS = (4e-3, 2e-3, 1e-3)  # m, on edges of 0.1 m: truncation far above roundin
 EXPECTED = {
     "stretch": {
         **dict.fromkeys(("gradient", "hessian", "mixed", "lagrangian"), "order 2"),
+        "twice": "order 2",
         "cross": "exact",  # E = k/2 (L^2/Lbar - 2L + Lbar): what couples x and r is quadratic in x
     },
-    "bend": dict.fromkeys(("gradient", "hessian", "mixed", "lagrangian", "cross"), "order 2"),
+    "bend": dict.fromkeys(
+        ("gradient", "hessian", "mixed", "lagrangian", "cross", "twice"), "order 2"
+    ),
     "gravity": {
         "gradient": "exact",  # linear in x
         "hessian": "zero",
         "mixed": "order 2",  # through the natural area
         "lagrangian": "order 2",
         "cross": "zero",
+        "twice": "zero",
     },
     "proximity": {
         "gradient": "exact",  # quadratic in x
@@ -34,6 +38,7 @@ EXPECTED = {
         "mixed": "zero",
         "lagrangian": "zero",
         "cross": "zero",
+        "twice": "zero",
     },
 }
 
@@ -57,6 +62,10 @@ def _pairs(case_: Case, name: str, d: FloatArray, step: float) -> tuple[FloatArr
         """d(w.g)/dr, the mixed block applied to the multipliers from the left."""
         return np.asarray(np.einsum("si,sij->sj", multiplier, _last(case_, "mixed", x, r, size)))
 
+    def bent(x: FloatArray, r: FloatArray) -> FloatArray:
+        """d(w.g)/dx, the Hessian applied to the multipliers."""
+        return np.asarray(np.einsum("si,sij->sj", multiplier, _last(case_, "hessian", x, r, size)))
+
     moves_r = name in ("mixed", "lagrangian")
     of = {
         "gradient": lambda x, r: case_.run("energy", x, r)[0],
@@ -64,16 +73,17 @@ def _pairs(case_: Case, name: str, d: FloatArray, step: float) -> tuple[FloatArr
         "mixed": lambda x, r: case_.run("gradient", x, r)[0],
         "lagrangian": pull,
         "cross": pull,
+        "twice": bent,
     }[name]
     ahead = of(x, r + step * d) if moves_r else of(x + step * d, r)
     behind = of(x, r - step * d) if moves_r else of(x - step * d, r)
-    kernel = "lagrangian_mixed" if name == "cross" else name
+    kernel = {"cross": "lagrangian_mixed", "twice": "lagrangian_pose"}.get(name, name)
     rows = 1 if name == "gradient" else size
     wanted = np.einsum("sij,sj->si", _last(case_, kernel, x, r, rows), local)
     return (ahead - behind) / (2.0 * step), wanted
 
 
-@pytest.mark.parametrize("kernel", ["gradient", "hessian", "mixed", "lagrangian", "cross"])
+@pytest.mark.parametrize("kernel", ["gradient", "hessian", "mixed", "lagrangian", "cross", "twice"])
 @pytest.mark.parametrize("name", NAMES)
 def test_central_differences_converge_with_order_two(name: str, kernel: str) -> None:
     this = case(name)

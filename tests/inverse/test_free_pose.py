@@ -1,0 +1,63 @@
+"""The closest stable pose: what direct inversion cannot hold, what it can, and what nothing can."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_scenes import hat_on_ball, sheet_on_slope
+
+from casashell.app.builtin import skirt
+from casashell.engine.assembly import Assembly
+from casashell.inverse.piece import split
+from casashell.result import Step
+from casashell.solve import solve
+from casashell.status import Status
+
+
+def silent(step: Step) -> None:
+    """No progress wanted."""
+
+
+def test_a_target_that_can_be_held_is_held() -> None:
+    result = solve(skirt(6, 20).problem, "free-pose")
+    assert result.status is Status.SOLVED
+    assert result.certificate.target_distance == 0.0
+
+
+def test_a_slope_that_is_too_slippery_stays_infeasible() -> None:
+    """tan 20 degrees is 0.36, more than the friction, whatever the pose."""
+    result = solve(sheet_on_slope(20.0, 0.1), "free-pose")
+    assert result.status is Status.INFEASIBLE
+
+
+def test_an_interrupt_keeps_a_finite_shape() -> None:
+    def stop(step: Step) -> None:
+        raise KeyboardInterrupt
+
+    result = solve(hat_on_ball(bend=1e-5), "free-pose", callback=stop)
+    assert result.status is Status.INTERRUPTED
+    assert np.all(np.isfinite(result.rest))
+
+
+@pytest.mark.parametrize("second", ["mixed", "pose"])
+def test_slope_of_a_curvature(second: str) -> None:
+    """v.Hv changes by (C(v) v).dx and (B(v) v).dr: central differences, error of second order."""
+    (piece,) = split(hat_on_ball())
+    assembly: Assembly = piece.assembly
+    rng = np.random.default_rng(0)
+    x, r, v, d = (rng.standard_normal(piece.target.shape) for _ in range(4))
+    x, r = piece.target + 0.05 * piece.h * x, piece.target + 0.05 * piece.h * r
+    d = piece.h * d
+
+    def curvature(e: float) -> float:
+        moved = (x + e * d, r) if second == "pose" else (x, r + e * d)
+        _, entries = assembly.hessian(*moved)
+        return float(v.ravel() @ (assembly.pattern.matrix(entries) @ v.ravel()))
+
+    block = assembly.lagrangian_pose if second == "pose" else assembly.lagrangian_mixed
+    wanted = float(d.ravel() @ (assembly.pattern.matrix(block(x, r, v)) @ v.ravel()))
+    steps = np.array([4e-3, 2e-3, 1e-3])
+    errors = [abs((curvature(e) - curvature(-e)) / (2.0 * e) - wanted) for e in steps]
+    order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert order == pytest.approx(2.0, abs=0.1)
+    assert errors[-1] <= 1e-2 * abs(wanted)
