@@ -10,7 +10,11 @@ those of Step 1 and Step 2 together are stable and stay.  Found, in mean edges h
     2.5e-3 J  3.0 leaves   0.023       no balance         0.021
     2e-3 J    3.9 leaves   1.7 leaves  no balance         0.021
 
-The paper gives no sizes; with those chosen here its claim holds below its stiffness, not at it.
+The paper gives no sizes; with those chosen here its claim holds below its stiffness, not at it.  Tried
+besides and not run here: at 5e-3 J skirts 1.1 to 1.4 times as large are stable with all methods, but for
+Ipopt alone at 1.3.  With the drape of 5e-3 J as target of softer skirts, Step 2 alone is unstable from
+3.5e-3 J down (moved 0.5 to 3.8 h), but both steps end 0.05 to 0.8 h off the target at a barely stable
+pose (0.2 to 0.4 h moved; at 2e-3 and 1e-3 J it may not come back).
 """
 
 import argparse
