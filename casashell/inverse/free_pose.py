@@ -1,7 +1,7 @@
 """The closest stable pose that can be held, when the target cannot.
 
-Newton at the target first (`DirectSolver`).  Failing that, a drape of the target with contacts held is
-stable but its contact forces are not admissible; steps of `PoseProgram` bring them into the cones and
+Newton at the target first (`DirectSolver`).  Failing that, a drape with contacts held is stable
+but its contact forces are not admissible; steps of `PoseProgram` bring them into the cones and
 the pose towards the target.  After each step the natural shape is found again, exactly, by Newton at
 the new pose with the new forces, so that every iterate is an equilibrium, and a Cholesky factor
 says whether it is stable.  A step that fails either test is shortened.
@@ -32,6 +32,10 @@ MAX_STEPS: Final = 60
 TRIALS: Final = 5
 #: Lowest modes that a step has to keep stable once one was lost.
 MODES: Final = 4
+#: Least eigenvalue h / f0 of an iterate.
+MARGIN: Final = 1e-5
+#: |x - x_t|^2 / (2 h^2) a vertex below which no other drape is tried.
+NEAR: Final = 0.05
 #: Relative drop of the distance below which admissible poses are as close as they get.
 SLOW: Final = 3e-2
 
@@ -95,26 +99,42 @@ class FreePoseSolver:
             if obstruction is not None:
                 self.best = replace(self.best, obstruction=obstruction)
                 return self.best
-        state = self._draped()
-        if state is None:
-            self.notes.append("the target does not drape to a stable pose with its contacts held")
-            return self.best
-        self._approach(state)
+        starts = self._draped()
+        if not starts:
+            self.notes.append("no shape at hand drapes to a stable pose with its contacts held")
+        for state in starts:
+            self._approach(state)
+            if self.best.good and self._away(self.best.pose) < NEAR * len(self.piece.target):
+                break
+        if self.best.good:
+            self.notes.append(
+                f"the target itself could not be held: the pose is the closest found in {self.steps} steps"
+            )
         return self.best
 
-    def _draped(self) -> _State | None:
-        """The drape of the target's own shape, contacts held: stable, forces as they come."""
+    def _draped(self) -> list[_State]:
+        """Drapes, contacts held, of the shapes at hand: stable, forces as they come."""
+        shapes = [self.piece.target]
+        if not np.array_equal(self.best.rest, self.piece.target):
+            shapes.append(self.best.rest)
+        return [state for state in map(self._drape, shapes) if state is not None]
+
+    def _drape(self, rest: FloatArray) -> _State | None:
         piece, at = self.piece, self.piece.contacts.vertices
-        draped = self.draper.drape(piece.target, piece.target)
+        draped = self.draper.drape(rest, piece.target)
         if not draped.good:
             return None
-        forces = piece.assembly.gradient(draped.pose, piece.target)[at]
+        forces = piece.assembly.gradient(draped.pose, rest)[at]
         share = np.bincount(at, minlength=len(piece.target))[at] if len(at) else np.ones(0)
-        return self._state(draped.pose, piece.target, forces / share[:, None])
+        return self._state(draped.pose, rest, forces / share[:, None])
+
+    def _away(self, pose: FloatArray) -> float:
+        """|x - x_t|^2 / (2 h^2)."""
+        return 0.5 * float(((pose - self.piece.target) ** 2).sum()) / self.piece.h**2
 
     def _state(self, pose: FloatArray, rest: FloatArray, forces: FloatArray) -> _State:
         piece, contacts = self.piece, self.piece.contacts
-        away = 0.5 * float(((pose - piece.target) ** 2).sum()) / piece.h**2
+        away = self._away(pose)
         outside = 0.0
         if len(contacts):
             normal, _ = split_force(forces, contacts.normals)
@@ -125,7 +145,8 @@ class FreePoseSolver:
     def _approach(self, state: _State) -> None:
         """Steps until the pose is admissible and comes no closer."""
         kappa, share = 1e-2, 1.0
-        while self.steps < MAX_STEPS:
+        self._unstable = False
+        for _ in range(MAX_STEPS):
             modes = MODES if self._unstable else 0
             step = self.program.step(state.pose, state.rest, kappa, modes)
             self.steps += 1
@@ -144,8 +165,7 @@ class FreePoseSolver:
                 self._keep(state)
             if slow and kappa < 1.0:
                 break
-        if not self.best.good:
-            self._keep(state)
+        self._keep(state)
 
     def _search(self, state: _State, step: PoseStep, share: float) -> tuple[float, _State | None]:
         """The first share of ``step`` that is a stable equilibrium of less merit."""
@@ -168,7 +188,7 @@ class FreePoseSolver:
         if point is None or point.residual > 1e-7:
             return None
         _, entries = piece.assembly.hessian(pose, point.rest)
-        if not self.program.system.factor(entries):
+        if not self.program.system.factor(entries, -MARGIN * piece.f0 / piece.h):
             self._unstable = True
             return None
         if len(at):  # what balance was short of goes to the contacts
@@ -179,7 +199,11 @@ class FreePoseSolver:
     def _keep(self, state: _State) -> None:
         """Judge a state; the best of the good ones is the closest."""
         outcome = judged(self.piece, state.rest, state.contact_forces, "free pose", pose=state.pose)
-        if outcome.good or (not self.best.good and outcome.rank > self.best.rank):
+        if outcome.good:
+            better = not self.best.good or self._away(outcome.pose) < self._away(self.best.pose)
+        else:
+            better = not self.best.good and outcome.rank > self.best.rank
+        if better:
             self.best = outcome
 
     def _tell(self, state: _State) -> None:
