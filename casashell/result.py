@@ -46,7 +46,12 @@ class Quality:
 
 @dataclass(frozen=True)
 class Step:
-    """One line of the history."""
+    """One line of the history; what a callback receives at every iteration.
+
+    residual    of the stage's own equations, mostly in f0
+    seconds     since the solve began
+    rest, pose  (V,3) m, where the stage has them; in a callback only, the history keeps none
+    """
 
     stage: str
     load: float
@@ -54,6 +59,8 @@ class Step:
     residual: float
     seconds: float
     note: str = ""
+    rest: FloatArray | None = field(default=None, compare=False, repr=False)
+    pose: FloatArray | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -44,17 +44,20 @@ class _Run:
 
     def report(self, step: Step) -> None:
         """Record a step and pass it on."""
-        stamped = Step(
-            step.stage,
-            step.load,
-            step.iteration,
-            step.residual,
-            time.perf_counter() - self.started,
-            step.note,
-        )
-        self.history.append(stamped)
+        stamped = replace(step, seconds=time.perf_counter() - self.started)
+        self.history.append(replace(stamped, rest=None, pose=None))
         if self.callback is not None:
-            self.callback(stamped)
+            rest, pose = self._whole(step.rest), self._whole(step.pose)
+            self.callback(replace(stamped, rest=rest, pose=pose))
+
+    def _whole(self, shape: FloatArray | None) -> FloatArray | None:
+        """Vertices (V,3) with those of the piece that is being solved, the others at the target."""
+        if shape is None:
+            return None
+        piece = self.pieces[len(self.solvers) - 1]
+        whole = self.problem.target.vertices.copy()
+        whole[piece.vertices] = shape + piece.origin
+        return whole
 
     def clock(self, name: str, begin: float) -> float:
         """Add the time since ``begin`` to a part; the time now."""

@@ -95,7 +95,9 @@ class LoadPath:
             gradient, entries = piece.assembly.mixed(target, rest, load)
             gap = (gradient - load * forces).ravel() - self.border @ correction
             residual = float(np.abs(gap[self.dofs]).max(initial=0.0)) / piece.f0
-            self.report(Step("newton", load, self.iterations, residual, 0.0))
+            self.report(
+                Step("newton", load, self.iterations, residual, 0.0, rest=rest, pose=target)
+            )
             self.iterations += 1
             if not np.isfinite(residual):
                 return None

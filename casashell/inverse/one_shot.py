@@ -155,7 +155,7 @@ class NlpSolver:
 
     def _count(self, step: Step) -> None:
         self.iterations += step.iteration > 0
-        self.report(Step(step.stage, step.load, self.iterations, step.residual, step.seconds))
+        self.report(replace(step, iteration=self.iterations))
 
     def _keep(self, rest: FloatArray, forces: FloatArray) -> None:
         self._latest = rest, forces

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from casashell.inverse.inverse_hessian import QuasiNewton, worth_learning
 from casashell.typing import FloatArray
 
 Function = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -31,93 +30,10 @@ class Descent:
     reason: str
 
 
-class InverseHessian(Protocol):
-    """Approximation of the inverse Hessian that learns from steps."""
-
-    def __matmul__(self, g: FloatArray) -> FloatArray:
-        """Product with a gradient."""
-
-    def learn(self, s: FloatArray, y: FloatArray) -> None:
-        """Take in a step s that changed the gradient by y, with s.y > 0."""
-
-    def forget(self) -> None:
-        """Back to the start."""
-
-
-Solve = Callable[[FloatArray], FloatArray]
-
-
-class Dense:
-    """The BFGS update of a full matrix (Nocedal and Wright 2006, Eq. 6.17).
-
-    start  (n,n) positive definite to begin with; by default a multiple of the identity, found from
-           the first step
-    """
-
-    def __init__(self, size: int, start: FloatArray | None = None) -> None:
-        self._start, self._size = start, size
-        self._matrix: FloatArray = np.empty((0, 0))
-        self._unscaled = True
-        self.forget()
-
-    def __matmul__(self, g: FloatArray) -> FloatArray:
-        return np.asarray(self._matrix @ g)
-
-    def learn(self, s: FloatArray, y: FloatArray) -> None:
-        """Rank-two update."""
-        sy = float(s @ y)
-        if self._unscaled:
-            self._matrix *= sy / float(y @ y)
-            self._unscaled = False
-        hy = self._matrix @ y
-        self._matrix += np.outer(((sy + y @ hy) / sy**2) * s - hy / sy, s)
-        self._matrix -= np.outer(s, hy / sy)
-
-    def forget(self) -> None:
-        """Back to the start."""
-        self._unscaled = self._start is None
-        self._matrix = np.eye(self._size) if self._start is None else self._start.copy()
-
-
-class Limited:
-    """Two-loop recursion over the last ``memory`` steps (Nocedal and Wright 2006, Alg. 7.4).
-
-    start  product with the matrix to begin with; by default a multiple of the identity, found from
-           the last step
-    """
-
-    def __init__(self, start: Solve | None = None, memory: int = 30) -> None:
-        self._start = start
-        self._steps: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=memory)
-
-    def __matmul__(self, g: FloatArray) -> FloatArray:
-        q, shares = g.copy(), []
-        for s, y, sy in reversed(self._steps):
-            share = float(s @ q) / sy
-            shares.append(share)
-            q -= share * y
-        if self._start is not None:
-            q = self._start(q)
-        elif self._steps:
-            _, y, sy = self._steps[-1]
-            q *= sy / float(y @ y)
-        for (s, y, sy), share in zip(self._steps, reversed(shares), strict=True):
-            q += (share - float(y @ q) / sy) * s
-        return q
-
-    def learn(self, s: FloatArray, y: FloatArray) -> None:
-        """Remember a step."""
-        self._steps.append((s, y, float(s @ y)))
-
-    def forget(self) -> None:
-        """Back to the start."""
-        self._steps.clear()
-
-
 def descend(
     function: Function,
     x: FloatArray,
-    inverse: InverseHessian,
+    inverse: QuasiNewton,
     *,
     goal: float,
     longest: float,
@@ -140,7 +56,7 @@ def descend(
             if value > _WORTH * mark:
                 return Descent(x, value, slope, iteration, "stuck")
             mark = value
-        step = -(inverse @ slope)
+        step = -inverse.times(slope)
         size = float(np.abs(step).max())
         if size == 0.0 or not np.isfinite(size):
             return Descent(x, value, slope, iteration, "flat")
@@ -155,7 +71,7 @@ def descend(
             continue
         moved, lower, new_slope = found
         s, y = moved - x, new_slope - slope
-        if float(s @ y) > 1e-12 * float(np.linalg.norm(s) * np.linalg.norm(y)):
+        if worth_learning(s, y):
             inverse.learn(s, y)
             fresh = False
         x, value, slope = moved, lower, new_slope

@@ -263,7 +263,8 @@ class StepOne:
         if self.report is not None and reason == "iterations":
             residual = float(np.sqrt(2.0 * shape.distance / self.unit))
             note = f"J {shape.distance:.3e} m2, pull {self.draper.pulled.pull:g} N/m"
-            self.report(Step("step one", 1.0, self.iterations, residual, 0.0, note))
+            at, pose = self.iterations, shape.draped.pose
+            self.report(Step("step one", 1.0, at, residual, 0.0, note, point.rest, pose))
         return shape
 
     def _without_drape(self, rest: FloatArray) -> StepOneShape:

@@ -14,15 +14,17 @@ from typing import Final, Literal, get_args
 import numpy as np
 import scipy.sparse as sp
 
-from casashell.contact.cone import project
+from casashell.contact.cone import project, split
 from casashell.engine.sparse_solver import make_solver
 from casashell.inverse.balance import balance, rounding
 from casashell.inverse.balance_nlp import BalanceNlp
 from casashell.inverse.cone_residual import BETA, ConeResidual, Kind
+from casashell.inverse.forces import SHRINKS, project_reactions
+from casashell.inverse.inverse_hessian import DenseBfgs, LimitedBfgs, QuasiNewton
 from casashell.inverse.load_path import Report
 from casashell.inverse.piece import Piece
 from casashell.inverse.pulled import Pulled
-from casashell.inverse.quasi_newton import Dense, InverseHessian, Limited, descend
+from casashell.inverse.quasi_newton import descend
 from casashell.result import Step
 from casashell.typing import FloatArray
 
@@ -69,6 +71,7 @@ def step_two(
     kind: Kind = "kinked",
     beta: float = BETA,
     floor: float = 0.0,
+    elastic: bool = True,
     scaled: bool = True,
     max_iterations: int | None = None,
     report: Report | None = None,
@@ -79,6 +82,7 @@ def step_two(
     kind    h of G_K: of "bfgs", and of the residual in the answer
     beta    share of every friction coefficient that is used
     floor   least normal force / f0 of a contact, "ipopt" only
+    elastic when there is no solution near by, answer with the one of least slack, "ipopt" only
     scaled  start BFGS from the Gauss-Newton matrix of G rather than from the identity
     Raises ValueError for an unknown method and arrays of the wrong shape.
     """
@@ -88,11 +92,17 @@ def step_two(
     program = BalanceNlp(energy, pose, rest, floor=floor, beta=beta)
     begin = time.perf_counter()
     goal = max(GOAL, 0.5 * len(program.dofs) * rounding(program) ** 2)
-    if method == "ipopt":
+    felt = energy.gradient(pose, rest)
+    shape, forces, slack = program.reference, cones.contact_forces(felt), 0.0
+    iterations, reason = 0, "admissible from the start"
+    if cones.value(felt)[0] <= goal and _pushing(cones, forces, floor):
+        pass  # nothing to do
+    elif method == "ipopt":
         found = balance(
             program,
             rest,
-            _into_cones(cones, energy.gradient(pose, rest)),
+            _first_forces(program, cones, felt),
+            elastic=elastic,
             max_iterations=max_iterations or IPOPT_ITERATIONS,
             report=report,
         )
@@ -101,7 +111,7 @@ def step_two(
     else:
         limit = max_iterations or BFGS_ITERATIONS
         shape, iterations, reason = _bfgs(program, cones, scaled, goal, limit, report)
-        forces, slack = cones.contact_forces(energy.gradient(pose, shape)), 0.0
+        forces = cones.contact_forces(energy.gradient(pose, shape))
     residual = cones.value(energy.gradient(pose, shape))[0]
     return StepTwo(
         rest=shape,
@@ -115,10 +125,26 @@ def step_two(
     )
 
 
-def _into_cones(cones: ConeResidual, forces: FloatArray) -> FloatArray:
-    """Forces per contact (C,3) [N]: those at hand, projected onto the cones."""
-    contacts = cones.piece.contacts
-    return project(cones.contact_forces(forces), contacts.normals, cones.friction)
+def _pushing(cones: ConeResidual, forces: FloatArray, floor: float) -> bool:
+    """Whether every contact pushes with the least normal force asked for."""
+    normal, _ = split(forces, cones.piece.contacts.normals)
+    return floor == 0.0 or bool((normal >= floor * cones.piece.f0).all())
+
+
+def _first_forces(program: BalanceNlp, cones: ConeResidual, felt: FloatArray) -> FloatArray:
+    """Admissible forces per contact (C,3) [N]: nearest to those at hand, balanced if that is possible.
+
+    Balance as a whole, which no change of natural shape brings about, saves Ipopt half its way.
+    """
+    piece, contacts = cones.piece, cones.piece.contacts
+    wanted = cones.contact_forces(felt)
+    pull = program.energy.pull * (program.pose - piece.target)
+    for shrink in SHRINKS:
+        loads = piece.assembly.nodal_loads(program.reference) - pull
+        balanced = project_reactions(piece, wanted, loads, shrink)
+        if balanced is not None:
+            return balanced
+    return project(wanted, contacts.normals, cones.friction)
 
 
 def _bfgs(
@@ -146,7 +172,7 @@ def _bfgs(
 
     def each(iteration: int, u: FloatArray, value: float) -> None:
         if report is not None:
-            report(Step("bfgs", 1.0, iteration, value, 0.0))
+            report(Step("bfgs", 1.0, iteration, value, 0.0, rest=shape(u), pose=pose))
 
     end = descend(
         residual,
@@ -160,12 +186,12 @@ def _bfgs(
     return shape(end.x), end.iterations, end.reason
 
 
-def _first_metric(program: BalanceNlp, scaled: bool) -> InverseHessian:
+def _first_metric(program: BalanceNlp, scaled: bool) -> QuasiNewton:
     """Inverse Hessian to begin with: of |F|^2 / 2, with every force counted, or the identity."""
     piece, dofs = program.piece, program.dofs
     dense = len(piece.target) <= DENSE_LIMIT
     if not scaled:
-        return Dense(len(dofs)) if dense else Limited()
+        return DenseBfgs(len(dofs)) if dense else LimitedBfgs()
     _, entries = program.energy.mixed(program.pose, program.reference)
     slope = piece.assembly.pattern.matrix(entries)[dofs][:, dofs] * (piece.h / piece.f0)
     matrix = sp.csr_array(slope.T @ slope)
@@ -173,7 +199,7 @@ def _first_metric(program: BalanceNlp, scaled: bool) -> InverseHessian:
     shift = 1e-6 * float(matrix.diagonal().mean())
     matrix = sp.csr_array(matrix + shift * sp.eye_array(len(dofs)))
     if dense:
-        return Dense(len(dofs), np.linalg.inv(matrix.toarray()))
+        return DenseBfgs(len(dofs), np.linalg.inv(matrix.toarray()))
     solver = make_solver(matrix.indptr, matrix.indices, "symmetric")
     solver.factor(matrix.data)
-    return Limited(solver.solve)
+    return LimitedBfgs(solver.solve)

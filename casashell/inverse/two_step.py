@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from casashell.inverse.cone_residual import ConeResidual
 from casashell.inverse.forces import rigid_obstruction
 from casashell.inverse.load_path import Report
 from casashell.inverse.outcome import Outcome, judged, starting_outcome
@@ -34,8 +35,9 @@ class Continuation:
     factor       lambda of a pass over that of the pass before
     rounds       passes without pull at the most
     limits       stopping rules of step one;  step1  its method, see `StepOne`
-    skip         go straight to no pull once a drape meets the target: its forces then owe nothing to
-                 the pull, whatever its size
+    skip         go straight to no pull once a drape meets the target, whose forces then owe nothing to
+                 the pull; and leave out a last step two that has nothing to do
+    floors       least normal forces / f0 that step two asks of every contact, tried in turn by "ipopt"
     restart      put the natural contacts back to the target before every step one (Eq. 28), rather
                  than leave them where step two has moved them
     """
@@ -48,6 +50,7 @@ class Continuation:
     limits: Limits = field(default_factory=Limits)
     step1: StepOneMethod = "newton"
     skip: bool = True
+    floors: tuple[float, ...] = (1e-2, 0.0)
     restart: bool = False
 
     def pulls(self, piece: Piece) -> Iterator[float]:
@@ -61,7 +64,7 @@ class Continuation:
 
 
 #: Ly 2018, Sec. 7.1: lambda from 1000, halved, zero below 0.1; one pass without pull.
-PAPER = Continuation(1e3, 0.1, 0.5, 1, False, PAPER_LIMITS, "auto", False, True)
+PAPER = Continuation(1e3, 0.1, 0.5, 1, False, PAPER_LIMITS, "auto", False, (0.0,), True)
 PRESETS = {"scaled": Continuation(), "paper": PAPER}
 
 
@@ -117,6 +120,8 @@ class TwoStepSolver:
             if pull > 0.0 and self.arrived and self.continuation.skip:
                 continue
             rest, pose = self._first_step(rest, pose, pull)
+            if pull == 0.0 and self.continuation.skip and self._accept(rest, pose, None):
+                break  # the margin of mu' absorbs what the last drape moved
             rest, forces = self._second_step(rest, pose, pull)
             if pull == 0.0 and self._accept(rest, pose, forces):
                 break
@@ -141,15 +146,34 @@ class TwoStepSolver:
         """Natural shape whose contact forces at ``pose`` lie in the cones (Eq. 34)."""
         if len(self.piece.contacts.vertices) == 0:
             return rest, np.zeros((0, 3))
-        found = step_two(self.piece, pose, rest, pull, method=self.step2, report=self.report)
-        self.iterations += found.iterations
+        floors = self.continuation.floors if self.step2 == "ipopt" else (0.0,)
+        for floor in floors:
+            found = step_two(
+                self.piece,
+                pose,
+                rest,
+                pull,
+                method=self.step2,
+                floor=floor,
+                elastic=floor == floors[-1],
+                report=self.report,
+            )
+            self.iterations += found.iterations
+            if found.converged:
+                break
         self.report(
             Step("step two", 1.0, found.iterations, found.residual, 0.0, f"pull {pull:g} N/m")
         )
         return found.rest, found.contact_forces
 
-    def _accept(self, rest: FloatArray, pose: FloatArray, forces: FloatArray) -> bool:
-        """Judge a pass without pull; True when it is a stable equilibrium with strict cones."""
+    def _accept(self, rest: FloatArray, pose: FloatArray, forces: FloatArray | None) -> bool:
+        """Judge a pass without pull; True when it is a stable equilibrium with strict cones.
+
+        forces  of the contacts (C,3) [N]; None for those the shape needs
+        """
+        if forces is None:
+            felt = self.piece.assembly.gradient(pose, rest)
+            forces = ConeResidual(self.piece).contact_forces(felt)
         outcome = judged(self.piece, rest, forces, "two-step", pose=pose)
         if outcome.good or outcome.rank > self.best.rank or self.best.rung == "start":
             self.best = outcome
