@@ -93,35 +93,57 @@ def step_two(
     begin = time.perf_counter()
     goal = max(GOAL, 0.5 * len(program.dofs) * rounding(program) ** 2)
     felt = energy.gradient(pose, rest)
-    shape, forces, slack = program.reference, cones.contact_forces(felt), 0.0
-    iterations, reason = 0, "admissible from the start"
-    if cones.value(felt)[0] <= goal and _pushing(cones, forces, floor):
-        pass  # nothing to do
-    elif method == "ipopt":
-        found = balance(
-            program,
-            rest,
-            _first_forces(program, cones, felt),
-            elastic=elastic,
-            max_iterations=max_iterations or IPOPT_ITERATIONS,
-            report=report,
-        )
-        shape, forces = found.rest, found.contact_forces
-        iterations, slack, reason = found.iterations, found.slack, str(found.status)
-    else:
-        limit = max_iterations or BFGS_ITERATIONS
-        shape, iterations, reason = _bfgs(program, cones, scaled, goal, limit, report)
-        forces = cones.contact_forces(energy.gradient(pose, shape))
-    residual = cones.value(energy.gradient(pose, shape))[0]
+    found = _Found(program.reference, cones.contact_forces(felt), 0, "admissible from the start")
+    if len(program.dofs) and (
+        cones.value(felt)[0] > goal or not _pushing(cones, found.forces, floor)
+    ):
+        if method == "ipopt":
+            limit = max_iterations or IPOPT_ITERATIONS
+            found = _ipopt(program, cones, felt, elastic, limit, report)
+        else:
+            limit = max_iterations or BFGS_ITERATIONS
+            found = _bfgs(program, cones, scaled, goal, limit, report)
+    residual = cones.value(energy.gradient(pose, found.rest))[0]
     return StepTwo(
-        rest=shape,
-        contact_forces=forces,
+        rest=found.rest,
+        contact_forces=found.forces,
         residual=residual,
-        iterations=iterations,
+        iterations=found.iterations,
         seconds=time.perf_counter() - begin,
         converged=residual <= goal,
-        slack=slack,
-        reason=reason,
+        slack=found.slack,
+        reason=found.reason,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    rest: FloatArray
+    forces: FloatArray
+    iterations: int
+    reason: str
+    slack: float = 0.0
+
+
+def _ipopt(
+    program: BalanceNlp,
+    cones: ConeResidual,
+    felt: FloatArray,
+    elastic: bool,
+    max_iterations: int,
+    report: Report | None,
+) -> _Found:
+    forces = _first_forces(program, cones, felt)
+    found = balance(
+        program,
+        program.reference,
+        forces,
+        elastic=elastic,
+        max_iterations=max_iterations,
+        report=report,
+    )
+    return _Found(
+        found.rest, found.contact_forces, found.iterations, str(found.status), found.slack
     )
 
 
@@ -154,12 +176,9 @@ def _bfgs(
     goal: float,
     max_iterations: int,
     report: Report | None,
-) -> tuple[FloatArray, int, str]:
-    """Natural shape, iterations and how it ended."""
+) -> _Found:
     energy, pose, piece = program.energy, program.pose, program.piece
     dofs, start = program.dofs, program.reference
-    if len(dofs) == 0:
-        return start, 0, "nothing is free"
 
     def shape(u: FloatArray) -> FloatArray:
         found = start.ravel().copy()
@@ -183,7 +202,9 @@ def _bfgs(
         max_iterations=max_iterations,
         report=each,
     )
-    return shape(end.x), end.iterations, end.reason
+    found = shape(end.x)
+    forces = cones.contact_forces(energy.gradient(pose, found))
+    return _Found(found, forces, end.iterations, end.reason)
 
 
 def _first_metric(program: BalanceNlp, scaled: bool) -> QuasiNewton:
