@@ -1,4 +1,7 @@
-"""``python -m benchmarks``: run everything, write benchmarks/RESULTS.md, exit 1 on a missed goal."""
+"""``python -m benchmarks``: run everything, write benchmarks/RESULTS.md, exit 1 on a missed goal.
+
+``python -m benchmarks table2 [FOLDER]`` is apart, for it takes long; see `benchmarks.table2`.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,15 @@ import platform
 import sys
 from pathlib import Path
 
-from benchmarks import derivatives, programs, scaling
+from benchmarks import derivatives, programs, scaling, table2
 
 PARTS = {"derivatives": derivatives.run, "scaling": scaling.run, "programs": programs.run}
 
 
 def main(names: list[str]) -> int:
-    """Run the named parts (all by default)."""
+    """Run the named parts (all by default, but for table2)."""
+    if names[:1] == ["table2"]:
+        return table2.main(names[1:])
     text = [
         "# Benchmarks",
         "",
