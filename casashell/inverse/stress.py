@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 
 import casadi as ca
 import clarabel
@@ -28,7 +29,7 @@ from casashell.inverse.forces import (
     run_clarabel,
 )
 from casashell.inverse.piece import Piece
-from casashell.typing import FloatArray
+from casashell.typing import FloatArray, IntArray
 
 
 @cache
@@ -44,11 +45,15 @@ def _as_density(serialized: str) -> ca.Function:
 class Stress:
     """Outcome of the program: contact forces (C,3) [N] and the largest strains it needs.
 
-    angle  largest |theta - theta_r| over hinges [rad], per term name
+    largest_strain  largest |q - q_r| per term name: elongation [m] of edges, fold [rad] of hinges
+    strain_forces   (T,) tau of every element: tension [N] of an edge, moment [N m] of a hinge
+    energy          least strain energy, sum tau^2 / (2 c) [J]
     """
 
     contact_forces: FloatArray
     largest_strain: dict[str, float]
+    strain_forces: FloatArray
+    energy: float
 
 
 class StressProgram:
@@ -57,11 +62,7 @@ class StressProgram:
     def __init__(self, piece: Piece, loads: FloatArray | None = None) -> None:
         self.piece = piece
         self.loads = piece.loads if loads is None else loads
-        self.terms = [
-            t
-            for t in (term.without_idle() for term in piece.energies)
-            if t.measure is not None and not t.load and len(t.stencils)
-        ]
+        self.terms = [t for t in piece.assembly.energies if t.measure is not None and not t.load]
 
     @property
     def complete(self) -> bool:
@@ -125,56 +126,112 @@ class StressProgram:
             begin += len(v)
         return np.concatenate([*parts, [constant]])
 
+    def tangent(self, strain_forces: FloatArray) -> sp.csr_array:
+        """Hessian c dq dq^T + tau d2q of the elements under stress (T,), (3n, 3n) [N/m]."""
+        assembly = self.piece.assembly
+        pattern = assembly.pattern
+        total = np.zeros(pattern.nnz)
+        for term, part in zip(self.terms, self.parts, strict=True):
+            slope, curve = self._kernel(term, "hessian", True)
+            rank_one = slope[:, :, None] * slope[:, None, :]
+            blocks = self.stiffness[part, None, None] * rank_one
+            blocks += strain_forces[part, None, None] * curve.reshape(rank_one.shape)
+            place = assembly.scatter_map(term).ravel()
+            total += np.bincount(place, blocks.ravel(), minlength=pattern.nnz)
+        return pattern.matrix(total)
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Which elements belong to each term."""
+        ends = np.cumsum([0, *(len(t.stencils) for t in self.terms)])
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """tau (T,) per unit of the unknowns, which makes the objective the identity."""
+        return np.sqrt(self.stiffness * self.piece.f0 * self.piece.h)
+
+    @cached_property
+    def frames(self) -> tuple[sp.csr_array, IntArray]:
+        """Basis of the contact forces, see `contact_frames`."""
+        return contact_frames(self.piece.contacts)
+
+    @cached_property
+    def loose(self) -> IntArray:
+        """Degrees of freedom that are not pinned, whose forces have to balance."""
+        free = np.ones(len(self.piece.target), dtype=bool)
+        free[self.piece.pinned] = False
+        return np.flatnonzero(np.repeat(free, 3))
+
+    @cached_property
+    def balance(self) -> sp.csr_array:
+        """Forces / f0 on the loose degrees of freedom per unit of the unknowns (tau, contacts)."""
+        piece, at = self.piece, self.piece.contacts.vertices
+        column = (3 * at[:, None] + np.arange(3)).ravel()
+        scatter = sp.csr_array(
+            (np.ones(len(column)), (column, np.arange(len(column)))),
+            shape=(piece.target.size, len(column)),
+        )
+        elastic = self.slopes @ sp.diags_array(self.scale / piece.f0)
+        return sp.csr_array(sp.hstack([elastic, -(scatter @ self.frames[0])]))[self.loose]
+
     def solve(
-        self, shrink: Shrink, cuts: list[FloatArray] | None = None, delta: float = 0.0
+        self,
+        shrink: Shrink,
+        cuts: list[FloatArray] | None = None,
+        delta: float = 0.0,
+        limit: FloatArray | None = None,
     ) -> Stress | None:
         """Forces of least strain energy in the shrunk cones; None when there are none.
 
         cuts   directions (n,3) along which the energy has to curve by at least ``delta`` [N/m]
+        limit  largest |q - q_r| (T,) allowed to every element
         """
-        piece = self.piece
-        f0, contacts = piece.f0, piece.contacts
-        frames, owner = contact_frames(contacts)
+        frames, owner = self.frames
         elements, m = len(self.stiffness), frames.shape[1]
-        # Unknowns: tau / sqrt(c f0 h), which makes the objective the identity, and forces / f0.
-        scale = np.sqrt(self.stiffness * f0 * piece.h)
-        free = np.ones(len(piece.target), dtype=bool)
-        free[piece.pinned] = False
-        rows = np.flatnonzero(np.repeat(free, 3))
-        at = (3 * contacts.vertices[:, None] + np.arange(3)).ravel()
-        scatter = sp.csr_array(
-            (np.ones(len(at)), (at, np.arange(len(at)))), shape=(piece.target.size, len(at))
-        )
-        elastic = self.slopes @ sp.diags_array(scale / f0)
-        balance = sp.csr_array(sp.hstack([elastic, -(scatter @ frames)]))[rows]
-        weight = self.loads.ravel()[rows] / f0
-        blocks: list[Block] = [(balance, weight, [clarabel.ZeroConeT(len(rows))])]
+        weight = self.loads.ravel()[self.loose] / self.piece.f0
+        blocks: list[Block] = [(self.balance, weight, [clarabel.ZeroConeT(len(self.loose))])]
         if m:
-            inside, bound, cones = cone_rows(contacts, owner, shrink, shrink.floor)
+            inside, bound, cones = cone_rows(self.piece.contacts, owner, shrink, shrink.floor)
             empty = sp.csr_array((inside.shape[0], elements))
             blocks.append((sp.csr_array(sp.hstack([empty, inside])), bound, cones))
-        for v in cuts or []:
-            a = self.cut(v)
-            size = float(np.abs(a[:-1] * scale).max()) or 1.0
-            row = np.concatenate([-a[:-1] * scale / size, np.zeros(m)])[None, :]
-            blocks.append(
-                (
-                    sp.csr_array(row),
-                    np.array([(a[-1] - delta) / size]),
-                    [clarabel.NonnegativeConeT(1)],
-                )
-            )
+        if cuts:
+            blocks.append(self._cut_rows(cuts, delta, m))
+        if limit is not None:
+            blocks.append(self._limit_rows(limit, m))
         quadratic = sp.diags_array(
             np.concatenate([np.ones(elements), np.full(m, 1e-9)]), format="csc"
         )
         found, _, _ = run_clarabel(quadratic, np.zeros(elements + m), blocks)
         if found is None:
             return None
-        strain = np.abs(found[:elements] * scale / self.stiffness)
-        ends = np.cumsum([0, *(len(t.stencils) for t in self.terms)])
+        tau = found[:elements] * self.scale
+        strain = np.abs(tau / self.stiffness)
         largest = {
-            t.name: float(strain[a:b].max(initial=0.0))
-            for t, a, b in zip(self.terms, ends[:-1], ends[1:], strict=True)
+            t.name: float(strain[part].max(initial=0.0))
+            for t, part in zip(self.terms, self.parts, strict=True)
         }
-        forces = np.asarray((frames @ found[elements:]).reshape(-1, 3) * f0)
-        return Stress(forces, largest)
+        forces = np.asarray((frames @ found[elements:]).reshape(-1, 3) * self.piece.f0)
+        return Stress(forces, largest, tau, float(0.5 * (tau**2 / self.stiffness).sum()))
+
+    def _cut_rows(self, cuts: list[FloatArray], delta: float, others: int) -> Block:
+        """v.H.v >= delta for every direction; ``others`` unknowns follow the stresses."""
+        rows, bound = [], []
+        for v in cuts:
+            a = self.cut(v)
+            size = float(np.abs(a[:-1] * self.scale).max()) or 1.0
+            rows.append(np.concatenate([-a[:-1] * self.scale / size, np.zeros(others)]))
+            bound.append((a[-1] - delta) / size)
+        cones: list[object] = [clarabel.NonnegativeConeT(len(cuts))]
+        return sp.csr_array(np.array(rows)), np.array(bound), cones
+
+    def _limit_rows(self, limit: FloatArray, others: int) -> Block:
+        """|tau| <= c limit for every element with a finite limit."""
+        bound = limit * self.stiffness / self.scale
+        chosen = np.flatnonzero(np.isfinite(bound))
+        one = sp.eye_array(len(bound), len(bound) + others, format="csr")[chosen]
+        # Divided by the bound, so that soft elements do not ask for more digits than others.
+        one = sp.csr_array(sp.diags_array(1.0 / bound[chosen]) @ one)
+        rows = sp.csr_array(sp.vstack([one, -one]))
+        cones: list[object] = [clarabel.NonnegativeConeT(rows.shape[0])]
+        return rows, np.ones(rows.shape[0]), cones
