@@ -231,3 +231,14 @@ def _checked_polygons(
             f"{int(used[foreign[0], 0]) // stride}"
         )
     return polygons
+
+
+def aligned(points: FloatArray, onto: FloatArray) -> FloatArray:
+    """``points`` (n,3) turned and shifted as near to ``onto`` (n,3) as a rigid motion brings them.
+
+    Least squares (Kabsch); no mirror images, no scaling.
+    """
+    here, there = points.mean(axis=0), onto.mean(axis=0)
+    u, _, v = np.linalg.svd((points - here).T @ (onto - there))
+    u[:, 2] *= np.sign(np.linalg.det(u @ v))
+    return np.asarray((points - here) @ (u @ v) + there)

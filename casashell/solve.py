@@ -5,25 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
 from casashell.inverse.certificate import certify, no_certificate
-from casashell.inverse.direct import DirectSolver
+from casashell.inverse.methods import METHODS, PRESETS, STEP2, Choice, StepTwoMethod
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
 from casashell.problem import Problem
 from casashell.result import Certificate, Result, Step
 from casashell.status import Status
-from casashell.typing import AnyArray, FloatArray
+from casashell.typing import AnyArray, ArrayLike, FloatArray
 
-METHODS = ("auto", "direct", "two-step", "nlp", "free-pose")
-STEP2 = ("ipopt", "bfgs")
-PRESETS = ("scaled", "paper")
-StepTwoMethod: TypeAlias = Literal["ipopt", "bfgs"]
 Callback = Callable[[Step], None]
 
 
@@ -72,6 +67,7 @@ def solve(
     *,
     step2: StepTwoMethod = "ipopt",
     preset: str = "scaled",
+    prefer: ArrayLike | None = None,
     callback: Callback | None = None,
     interpreted: bool = False,
 ) -> Result:
@@ -83,20 +79,17 @@ def solve(
     step2        second step of "two-step": "ipopt", a program with cone constraints, or "bfgs",
                  descent on G_K
     preset       schedule and stopping rules of "two-step": "scaled" with the scene, or "paper"
+    prefer       (V,3) m, a natural shape that the answer stays near where contact forces leave a
+                 choice: a flat sheet, a pattern, an old version; where it lies does not matter
     callback     called with a `Step` at every iteration; an exception from it ends the solve
     interpreted  run kernels by CasADi's virtual machine even when there is a C compiler
 
     A KeyboardInterrupt ends the solve with what it has and status INTERRUPTED.  A solve that fails
     returns its best attempt with a status and advice; `Result.require` turns that into an exception.
-    Raises ValueError for an unknown method, second step or preset.
+    Raises ValueError for an unknown method, second step or preset, and a preferred shape that does
+    not fit the mesh.
     """
-    for name, value, known in (
-        ("method", method, METHODS),
-        ("step2", step2, STEP2),
-        ("preset", preset, PRESETS),
-    ):
-        if value not in known:
-            raise ValueError(f"{name} must be one of {', '.join(known)}; got '{value}'")
+    choice = Choice(method, step2, preset, _preferred(problem, prefer))
     run = _Run(problem, "direct" if method == "auto" else method, callback)
     try:
         begin = time.perf_counter()
@@ -116,7 +109,7 @@ def solve(
                 "against sliding along the obstacle is not part of the certificate"
             )
         for piece in run.pieces:
-            run.solvers.append(_solver(run, piece, step2, preset))
+            run.solvers.append(choice.solver(piece, run.report))
             run.solvers[-1].run()
         run.clock("solve", begin)
     except KeyboardInterrupt:
@@ -124,22 +117,19 @@ def solve(
     return _finish(run)
 
 
-def _solver(run: _Run, piece: Piece, step2: StepTwoMethod, preset: str) -> PieceSolver:
-    """The method asked for, on one piece."""
-    if run.method == "two-step":
-        from casashell.inverse.two_step import PRESETS as SCHEDULES  # loaded when asked for
-        from casashell.inverse.two_step import TwoStepSolver
-
-        return TwoStepSolver(piece, run.report, step2=step2, continuation=SCHEDULES[preset])
-    if run.method == "nlp":
-        from casashell.inverse.one_shot import NlpSolver
-
-        return NlpSolver(piece, run.report)
-    if run.method == "free-pose":
-        from casashell.inverse.free_pose import FreePoseSolver
-
-        return FreePoseSolver(piece, run.report)
-    return DirectSolver(piece, run.report)
+def _preferred(problem: Problem, prefer: ArrayLike | None) -> FloatArray | None:
+    if prefer is None:
+        return None
+    shape, count = np.asarray(prefer, dtype=np.float64), len(problem.target.vertices)
+    if shape.shape != (count, 3):
+        raise ValueError(
+            f"prefer must have one position a vertex of the target, shape ({count}, 3), "
+            f"got {shape.shape}"
+        )
+    wrong = np.flatnonzero(~np.isfinite(shape).all(axis=1))
+    if wrong.size:
+        raise ValueError(f"prefer: vertex {int(wrong[0])} is not finite")
+    return shape
 
 
 def _gathered(
@@ -263,4 +253,4 @@ def _failure(status: Status, outcome: Outcome) -> Status:
     return status
 
 
-__all__ = ["METHODS", "Callback", "solve"]
+__all__ = ["METHODS", "PRESETS", "STEP2", "Callback", "StepTwoMethod", "solve"]

@@ -15,6 +15,24 @@ Reference: TypeAlias = Callable[[AnyArray, AnyArray], Callable[[AnyArray], AnyAr
 
 
 @dataclass(frozen=True, eq=False)
+class MetricForm:
+    """A term that reads natural lengths, angles and areas where `Energy` reads natural positions.
+
+    reads      the natural numbers n of a stencil by its own vertices: two are a length [m], three an
+               area [m2], four the angle of a hinge [rad].  The first is what the strain measure of
+               the term is compared with
+    density    SX function (y, n, p) -> scalar [J]; y is the strain measure of a term that has one,
+               its positions (3,k) otherwise
+    reference  the same energy in plain NumPy: n (m,S), p -> function of x (k,3,S) -> (S,), as for
+               `Energy`
+    """
+
+    reads: tuple[tuple[int, ...], ...]
+    density: ca.Function
+    reference: Reference
+
+
+@dataclass(frozen=True, eq=False)
 class Energy:
     """``E(x, r) = sum_s e(x[s], r[s], p[s])`` over stencils of ``k`` mesh vertices.
 
@@ -27,6 +45,7 @@ class Energy:
     reference  the same energy in plain NumPy: r (k,3,S), p (m,S) -> function of x (k,3,S) -> (S,)
                that allows complex x; certificates differentiate it by complex step
     material   arrays the term writes about itself into result files
+    metric     the same energy with natural lengths, angles and areas; needed for a natural metric
     """
 
     name: str
@@ -37,6 +56,7 @@ class Energy:
     measure: ca.Function | None = None
     reference: Reference | None = None
     material: Mapping[str, AnyArray] = field(default_factory=dict)
+    metric: MetricForm | None = None
 
     def __post_init__(self) -> None:
         stencils = np.ascontiguousarray(self.stencils, dtype=np.int64)

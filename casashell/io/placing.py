@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from casashell.mesh import TriMesh
+from casashell.mesh import TriMesh, aligned
 from casashell.typing import FloatArray
 
 
@@ -17,8 +17,5 @@ def placed(target: TriMesh, rest: FloatArray) -> FloatArray:
     count, labels = target.components
     for piece in range(count):
         ids = np.flatnonzero(labels == piece)
-        here, there = rest[ids].mean(axis=0), target.vertices[ids].mean(axis=0)
-        u, _, v = np.linalg.svd((rest[ids] - here).T @ (target.vertices[ids] - there))
-        u[:, 2] *= np.sign(np.linalg.det(u @ v))
-        made[ids] = (rest[ids] - here) @ (u @ v) + there
+        made[ids] = aligned(rest[ids], target.vertices[ids])
     return made

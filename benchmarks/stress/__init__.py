@@ -1,0 +1,1 @@
+"""Numerical stability, stressed: parameter sweeps and random scenes with statuses known beforehand."""
