@@ -14,10 +14,18 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from casashell.engine.energy import Energy
+from casashell.engine.energy import Energy, MetricForm
 from casashell.mesh import TriMesh
 from casashell.typing import AnyArray, ArrayLike
 from formulations.arguments import finite_vector, per_element
+
+
+@cache
+def weighed() -> ca.Function:
+    """Energy [J] of one triangle from x (3,3) [m], its natural area n [m2] and p = rho g (3) [N/m2]."""
+    x, area, p = ca.SX.sym("x", 3, 3), ca.SX.sym("n", 1), ca.SX.sym("p", 3)
+    energy = -area / 3 * ca.dot(p, x[:, 0] + x[:, 1] + x[:, 2])
+    return ca.Function("area_weighed", [x, area, p], [energy])
 
 
 @cache
@@ -26,8 +34,7 @@ def density() -> ca.Function:
     x, r, p = ca.SX.sym("x", 3, 3), ca.SX.sym("r", 3, 3), ca.SX.sym("p", 3)
     normal = ca.cross(r[:, 1] - r[:, 0], r[:, 2] - r[:, 0])
     area = ca.sqrt(ca.sumsqr(normal)) / 2
-    energy = -area / 3 * ca.dot(p, x[:, 0] + x[:, 1] + x[:, 2])
-    return ca.Function("area_gravity", [x, r, p], [energy])
+    return ca.Function("area_gravity", [x, r, p], [weighed()(x, area, p)])
 
 
 def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
@@ -37,7 +44,12 @@ def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
     """
     u, v = r[1] - r[0], r[2] - r[0]
     area = 0.5 * np.sqrt((u * u).sum(0) * (v * v).sum(0) - (u * v).sum(0) ** 2)
-    return lambda x: -area / 3.0 * (p * (x[0] + x[1] + x[2])).sum(axis=0)
+    return metric_reference(area[None], p)
+
+
+def metric_reference(n: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
+    """The same from the natural areas n (1,S)."""
+    return lambda x: -n[0] / 3.0 * (p * (x[0] + x[1] + x[2])).sum(axis=0)
 
 
 def area_gravity(
@@ -55,4 +67,5 @@ def area_gravity(
         load=True,
         reference=reference,
         material={"density": value, "gravity": g},
+        metric=MetricForm(((0, 1, 2),), weighed(), metric_reference),
     )

@@ -14,7 +14,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from casashell.engine.energy import Energy
+from casashell.engine.energy import Energy, MetricForm
 from casashell.mesh import TriMesh
 from casashell.typing import AnyArray, ArrayLike
 from formulations.arguments import per_element
@@ -26,12 +26,17 @@ def length(x: ca.SX) -> ca.SX:
 
 
 @cache
+def strained() -> ca.Function:
+    """Energy [J] of one edge from its length, its natural length [m] and p = (k_L) [N]."""
+    now, rest, p = ca.SX.sym("q"), ca.SX.sym("n", 1), ca.SX.sym("p", 1)
+    return ca.Function("edge_strained", [now, rest, p], [p[0] / 2 * (now - rest) ** 2 / rest])
+
+
+@cache
 def density() -> ca.Function:
     """Energy [J] of one edge from x (3,2), r (3,2) [m] and p = (k_L) [N]."""
     x, r, p = ca.SX.sym("x", 3, 2), ca.SX.sym("r", 3, 2), ca.SX.sym("p", 1)
-    rest = length(r)
-    energy = p[0] / 2 * (length(x) - rest) ** 2 / rest
-    return ca.Function("edge_stretch", [x, r, p], [energy])
+    return ca.Function("edge_stretch", [x, r, p], [strained()(length(x), length(r), p)])
 
 
 @cache
@@ -41,10 +46,18 @@ def measure() -> ca.Function:
     return ca.Function("edge_length", [x], [length(x)])
 
 
+def _size(x: AnyArray) -> AnyArray:
+    return np.asarray(np.sqrt(((x[1] - x[0]) ** 2).sum(axis=0)))
+
+
 def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
     """The same energy in plain NumPy: r (2,3,S), p (1,S) -> function of x (2,3,S), complex allowed."""
-    rest = np.sqrt(((r[1] - r[0]) ** 2).sum(axis=0))
-    return lambda x: 0.5 * p[0] * (np.sqrt(((x[1] - x[0]) ** 2).sum(axis=0)) / rest - 1) ** 2 * rest
+    return metric_reference(_size(r)[None], p)
+
+
+def metric_reference(n: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
+    """The same from the natural lengths n (1,S)."""
+    return lambda x: 0.5 * p[0] * (_size(x) / n[0] - 1) ** 2 * n[0]
 
 
 def edge_stretch(mesh: TriMesh, stretch: ArrayLike) -> Energy:
@@ -59,4 +72,5 @@ def edge_stretch(mesh: TriMesh, stretch: ArrayLike) -> Energy:
         measure=measure(),
         reference=reference,
         material={"edges": edges, "stretch": value},
+        metric=MetricForm(((0, 1),), strained(), metric_reference),
     )

@@ -16,10 +16,13 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from casashell.engine.energy import Energy
+from casashell.engine.energy import Energy, MetricForm
 from casashell.mesh import TriMesh
 from casashell.typing import AnyArray, ArrayLike
 from formulations.arguments import per_element
+
+#: Natural numbers of a hinge: its angle, the length of its edge, the areas of its triangles.
+_READS = ((0, 1, 2, 3), (0, 1), (0, 1, 2), (1, 0, 3))
 
 
 def _normals(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -37,13 +40,20 @@ def angle(x: ca.SX) -> ca.SX:
 
 
 @cache
+def strained() -> ca.Function:
+    """Energy [J] from the angle, n = natural angle, edge length, two areas and p = (k_theta) [J]."""
+    now, n, p = ca.SX.sym("q"), ca.SX.sym("n", 4), ca.SX.sym("p", 1)
+    stiffness = 3 * p[0] * n[1] ** 2 / (n[2] + n[3])
+    return ca.Function("hinge_strained", [now, n, p], [stiffness / 2 * (now - n[0]) ** 2])
+
+
+@cache
 def density() -> ca.Function:
     """Energy [J] of one hinge from x (3,4), r (3,4) [m] and p = (k_theta) [J]."""
     x, r, p = ca.SX.sym("x", 3, 4), ca.SX.sym("r", 3, 4), ca.SX.sym("p", 1)
-    edge, first, second = _normals(r)
-    area = (ca.sqrt(ca.sumsqr(first)) + ca.sqrt(ca.sumsqr(second))) / 2
-    energy = p[0] / 2 * 3 * ca.sumsqr(edge) / area * (angle(x) - angle(r)) ** 2
-    return ca.Function("hinge_bending", [x, r, p], [energy])
+    edge, first, second = (ca.sqrt(ca.sumsqr(vector)) for vector in _normals(r))
+    natural = ca.vertcat(angle(r), edge, first / 2, second / 2)
+    return ca.Function("hinge_bending", [x, r, p], [strained()(angle(x), natural, p)])
 
 
 @cache
@@ -85,8 +95,13 @@ def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
     _, a, b = _wings(r)
     heights = np.sqrt((a * a).sum(axis=0)) + np.sqrt((b * b).sum(axis=0))
     length = np.sqrt(((r[1] - r[0]) ** 2).sum(axis=0))
-    stiffness, rest = 0.5 * p[0] * 6.0 * length / heights, _fold(r)
-    return lambda x: stiffness * (_fold(x) - rest) ** 2
+    mean = 0.25 * length * heights
+    return metric_reference(np.stack([_fold(r), length, mean, mean]), p)
+
+
+def metric_reference(n: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
+    """The same from n (4,S): natural angle, length of the edge and the two areas."""
+    return lambda x: 1.5 * p[0] * n[1] ** 2 / (n[2] + n[3]) * (_fold(x) - n[0]) ** 2
 
 
 def hinge_bending(mesh: TriMesh, bend: ArrayLike) -> Energy:
@@ -101,4 +116,5 @@ def hinge_bending(mesh: TriMesh, bend: ArrayLike) -> Energy:
         measure=measure(),
         reference=reference,
         material={"hinges": hinges, "bend": value},
+        metric=MetricForm(_READS, strained(), metric_reference),
     )

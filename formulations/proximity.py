@@ -14,17 +14,24 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from casashell.engine.energy import Energy
+from casashell.engine.energy import Energy, MetricForm
 from casashell.mesh import TriMesh
 from casashell.typing import AnyArray, ArrayLike
 from formulations.arguments import per_element
 
 
 @cache
+def pulled() -> ca.Function:
+    """Energy [J] of one vertex from x (3,1), no natural numbers and p = (lambda, x_t) [N/m, m]."""
+    x, none, p = ca.SX.sym("x", 3, 1), ca.SX.sym("n", 0), ca.SX.sym("p", 4)
+    return ca.Function("proximity_pulled", [x, none, p], [p[0] / 2 * ca.sumsqr(x - p[1:4])])
+
+
+@cache
 def density() -> ca.Function:
     """Energy [J] of one vertex from x (3,1), r (3,1) [m] and p = (lambda, x_t) [N/m, m]."""
     x, r, p = ca.SX.sym("x", 3, 1), ca.SX.sym("r", 3, 1), ca.SX.sym("p", 4)
-    return ca.Function("proximity", [x, r, p], [p[0] / 2 * ca.sumsqr(x - p[1:4])])
+    return ca.Function("proximity", [x, r, p], [pulled()(x, ca.SX(0, 1), p)])
 
 
 def reference(r: AnyArray, p: AnyArray) -> Callable[[AnyArray], AnyArray]:
@@ -44,4 +51,5 @@ def proximity(mesh: TriMesh, pull: ArrayLike) -> Energy:
         load=True,
         reference=reference,
         material={"pull": value},
+        metric=MetricForm((), pulled(), reference),
     )

@@ -82,6 +82,11 @@ class StressProgram:
         kernel = get_kernel(density, name, interpreted=interpreted)
         return kernel(target, target, params, term.stencils, target)
 
+    def measured(self, term: Energy) -> tuple[FloatArray, FloatArray]:
+        """Slope dq/dx (S,3k) and curvature d2q/dx2 (S,3k,3k) of a strain measure at the target."""
+        slope, curve = self._kernel(term, "hessian", True)
+        return slope, curve.reshape(len(slope), slope.shape[1], slope.shape[1])
+
     @cached_property
     def stiffness(self) -> FloatArray:
         """c of every element: d2E/dx2 at rest is c dq dq^T."""
@@ -117,9 +122,8 @@ class StressProgram:
         """
         parts, constant, begin = [], 0.0, 0
         for term in self.terms:
-            slope, curve = self._kernel(term, "hessian", True)
+            slope, second = self.measured(term)
             v: FloatArray = direction[term.stencils].reshape(slope.shape)
-            second = curve.reshape(len(v), v.shape[1], v.shape[1])
             parts.append(((second @ v[:, :, None])[:, :, 0] * v).sum(axis=1))
             c = self.stiffness[begin : begin + len(v)]
             constant += float((c * (v * slope).sum(axis=1) ** 2).sum())
