@@ -15,10 +15,12 @@ import numpy as np
 
 from casashell.inverse.balance import balance
 from casashell.inverse.balance_nlp import BalanceNlp
+from casashell.inverse.cone_residual import ConeResidual
 from casashell.inverse.load_path import Report
 from casashell.inverse.outcome import Outcome, PieceSolver, judged
 from casashell.inverse.piece import Piece
 from casashell.inverse.pulled import Pulled
+from casashell.inverse.step_two import first_forces
 from casashell.mesh import aligned
 from casashell.result import Step
 from casashell.typing import FloatArray
@@ -100,17 +102,20 @@ class PreferSolver:
         """Balanced shape nearest to ``reference`` (n,3), judged; None when there is none near by."""
         piece = self.piece
         program = BalanceNlp(Pulled(piece, 0.0), piece.target, reference, floor=FLOOR)
-        found = balance(
-            program,
-            base.rest,
-            base.contact_forces,
-            elastic=False,
-            max_iterations=MAX_ITERATIONS,
-            report=self._count,
-        )
-        if not found.converged:
-            return None
-        return judged(piece, found.rest, found.contact_forces, base.rung)
+        felt = piece.assembly.gradient(piece.target, reference)
+        there = first_forces(program, ConeResidual(piece), felt)
+        for rest, forces in ((reference, there), (base.rest, base.contact_forces)):
+            found = balance(
+                program,
+                rest,
+                forces,
+                elastic=False,
+                max_iterations=MAX_ITERATIONS,
+                report=self._count,
+            )
+            if found.converged:
+                return judged(piece, found.rest, found.contact_forces, base.rung)
+        return None
 
     def _count(self, step: Step) -> None:
         self._spent += step.iteration > 0

@@ -133,7 +133,7 @@ def _ipopt(
     max_iterations: int,
     report: Report | None,
 ) -> _Found:
-    forces = _first_forces(program, cones, felt)
+    forces = first_forces(program, cones, felt)
     found = balance(
         program,
         program.reference,
@@ -153,7 +153,7 @@ def _pushing(cones: ConeResidual, forces: FloatArray, floor: float) -> bool:
     return floor == 0.0 or bool((normal >= floor * cones.piece.f0).all())
 
 
-def _first_forces(program: BalanceNlp, cones: ConeResidual, felt: FloatArray) -> FloatArray:
+def first_forces(program: BalanceNlp, cones: ConeResidual, felt: FloatArray) -> FloatArray:
     """Admissible forces per contact (C,3) [N]: nearest to those at hand, balanced if that is possible.
 
     Balance as a whole, which no change of natural shape brings about, saves Ipopt half its way.
