@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.table2_runs import Run
+from benchmarks.table2_runs import SOFTER, Run
 from casashell.typing import FloatArray
 
 #: Colours that stay apart for colour-blind eyes (Okabe and Ito).
@@ -56,7 +56,7 @@ def draw(figure: Figure, runs: Mapping[tuple[str, str], Run | None], folder: Pat
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    scenes = list(dict.fromkeys(scene for scene, _ in runs))
+    scenes = list(dict.fromkeys(scene for scene, _ in runs if scene not in SOFTER))
     columns = 4
     rows = -(-(len(scenes) + 1) // columns)
     canvas, grid = plt.subplots(

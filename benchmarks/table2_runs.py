@@ -9,22 +9,31 @@ import subprocess
 import sys
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from benchmarks.programs import DATA
 from benchmarks.recording import Recorder, StepClocks, Yardstick
 from benchmarks.scaling import _peak_memory
+from casashell.inverse.methods import StepTwoMethod
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.solve import StepTwoMethod
 from casashell.typing import FloatArray
+
+if TYPE_CHECKING:
+    from casashell.app.scene import Scene
 
 #: Folder of a real garment: metres per unit of its files, contact tolerance in that unit.
 GARMENTS: Final = {"hat_on_sphere": (0.1, 0.039), "skirt_8panel_smpl": (1.0, 0.0045)}
+#: Scenes with another material: which scene, and by what its stretch and bend are divided.
+SOFTER: Final = {
+    f"{scene}, {factor} x softer": (scene, factor)
+    for scene in ("synthetic-skirt", "skirt_8panel_smpl")
+    for factor in (3, 10, 30)
+}
 
 
 @dataclass(frozen=True)
@@ -41,6 +50,7 @@ WAYS: Final[Mapping[str, Way]] = {
     "two-step bfgs": Way("two-step", "bfgs"),
     "direct": Way("direct"),
     "nlp": Way("nlp"),
+    "free-pose": Way("free-pose"),
     "paper preset, ipopt": Way("two-step", "ipopt", "paper"),
     "paper preset, bfgs": Way("two-step", "bfgs", "paper"),
 }
@@ -87,19 +97,28 @@ def scene_names() -> list[str]:
 
 
 def problem_of(name: str) -> Problem:
-    """Scene by name; garments in the default material of the command line, +y up."""
+    """Scene by name, those of `SOFTER` included.
+
+    Garments in the default material of the command line, +y up.
+    """
     from casashell.app.paper_scenes import PAPER
+
+    base, factor = SOFTER.get(name, (name, 1))
+    scene = PAPER[base]() if base in PAPER else _garment(base)
+    material = scene.material
+    softer = replace(material, stretch=material.stretch / factor, bend=material.bend / factor)
+    return replace(scene, material=softer).problem
+
+
+def _garment(name: str) -> Scene:
+    from casashell.app.scene import Scene
     from casashell.contact.mesh_obstacle import MeshObstacle
     from casashell.io.meshes import read_mesh
-    from formulations import discrete_shell
 
-    if name in PAPER:
-        return PAPER[name]().problem
     unit, tolerance = GARMENTS[name]
     shell = read_mesh(DATA / name / "shell.obj", unit=unit)
     body = MeshObstacle(read_mesh(DATA / name / "obstacle.obj", unit=unit), friction=0.5)
-    terms = discrete_shell(shell, density=0.2, stretch=20.0, bend=1e-3, gravity=(0.0, -9.81, 0.0))
-    return Problem(shell, terms, (body,), contact_tolerance=tolerance * unit)
+    return Scene(name, shell, (body,), tolerance=tolerance * unit)
 
 
 def warm_up() -> None:
