@@ -71,6 +71,7 @@ def invert(
     bend: opt.Bend = None,
     method: opt.Method = None,
     step2: opt.Step2 = None,
+    prefer: opt.Prefer = None,
     natural: opt.Natural = None,
     out: opt.Out = None,
     force: opt.Force = False,
@@ -86,7 +87,8 @@ def invert(
             shell,
             tuple(obstacle or ()),
             tuple(plane or ()),
-            *(pin, up, unit, gravity, tolerance, friction, density, stretch, bend, method, step2),
+            *(pin, up, unit, gravity, tolerance, friction, density, stretch, bend),
+            *(method, step2, prefer),
         )
         from casashell.app.invert import OutputOptions, run_invert
 

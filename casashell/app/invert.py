@@ -74,7 +74,13 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
 def solve_scene(scene: Scene, reporter: Reporter) -> Result:
     """Solve with a live line; the result knows the tolerance of the scene."""
     with reporter.live() as callback:
-        result = solve(scene.problem, scene.method, step2=scene.step2, callback=callback)
+        result = solve(
+            scene.problem,
+            scene.method,
+            step2=scene.step2,
+            prefer=scene.prefer,
+            callback=callback,
+        )
     return replace(result, contact_tolerance=scene.problem.tolerance)
 
 

@@ -200,6 +200,15 @@ Step2: TypeAlias = Annotated[
         show_default=False,
     ),
 ]
+Prefer: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="MESH",
+        rich_help_panel=_SOLVER,
+        help="Natural shape to stay near where contacts leave a choice: a flat sheet, an old version.",
+        show_default=False,
+    ),
+]
 Natural: TypeAlias = Annotated[str | None, typer.Option(hidden=True)]
 Out: TypeAlias = Annotated[
     Path | None,
@@ -263,6 +272,7 @@ class SceneOptions:
     bend: str | None = None
     method: str | None = None
     step2: str | None = None
+    prefer: Path | None = None
 
     def spec(self) -> SceneSpec:
         """The scene file with the options over it, or the options alone.
@@ -307,6 +317,8 @@ class SceneOptions:
             over["method"] = values.parse_method(self.method, "--method")
         if self.step2 is not None:
             over["step2"] = values.parse_step2(self.step2, "--step2")
+        if self.prefer is not None:
+            over["prefer"] = self.prefer
         return over
 
     def _sources(self) -> list[ObstacleSource]:

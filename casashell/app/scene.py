@@ -60,6 +60,7 @@ class Scene:
     gravity    (3,) m/s2
     pinned     vertex ids
     tolerance  contact tolerance [m]; None: 0.5 % of the target's bounding box diagonal
+    prefer     (V,3) m, a natural shape to stay near; None: any
     up         up axis of the input
     unit       metres per unit of the input, for files written from this scene
     vertex_map (V_input,) where repair put each vertex of the file, -1 if dropped; None: unchanged
@@ -75,6 +76,7 @@ class Scene:
     tolerance: float | None = None
     method: str = METHODS[0]
     step2: StepTwoMethod = "ipopt"
+    prefer: FloatArray | None = None
     up: str = "y"
     unit: float = 1.0
     vertex_map: IntArray | None = None
@@ -150,6 +152,7 @@ class SceneSpec:
     tolerance: float | None = None
     method: str = METHODS[0]
     step2: StepTwoMethod = "ipopt"
+    prefer: Path | None = None
     file: Path | None = None
 
     @property
@@ -161,7 +164,7 @@ class SceneSpec:
             *(value.path for value in material if isinstance(value, ArrayReference)),
         ]
         files += [source.file for source in self.obstacles if source.file is not None]
-        files += [path for path in (self.file, self.pinned) if isinstance(path, Path)]
+        files += [path for path in (self.file, self.pinned, self.prefer) if isinstance(path, Path)]
         return tuple(files)
 
     def load(self, *, repair: bool = False) -> Scene:
@@ -195,11 +198,32 @@ class SceneSpec:
             tolerance=None if self.tolerance is None else self.tolerance * self.unit,
             method=self.method,
             step2=self.step2,
+            prefer=None
+            if self.prefer is None
+            else self._preferred(self.prefer, file.mesh, vertex_map),
             up=self.up,
             unit=self.unit,
             vertex_map=vertex_map,
             remarks=remarks,
         )
+
+    def _preferred(self, path: Path, shell: TriMesh, vertex_map: IntArray | None) -> FloatArray:
+        """Vertices of the preferred shape (V,3) m, dropped and merged as those of the shell were."""
+        from casashell.io.meshes import read_mesh_file
+
+        found = read_mesh_file(path, unit=self.unit).mesh
+        if not np.array_equal(found.faces, shell.faces):
+            raise ValueError(
+                f"{path}: the preferred shape must have the faces of {self.shell} in the same order; "
+                f"it has {len(found.vertices)} vertices and {len(found.faces)} triangles, the shell "
+                f"{len(shell.vertices)} and {len(shell.faces)}"
+            )
+        if vertex_map is None:
+            return found.vertices
+        kept = np.flatnonzero(vertex_map >= 0)
+        places = np.empty((int(vertex_map.max()) + 1, 3))
+        places[vertex_map[kept]] = found.vertices[kept]
+        return places
 
     @property
     def gravity_vector(self) -> tuple[float, float, float]:

@@ -5,6 +5,7 @@ Lengths are in the file's own unit, paths relative to the file; everything but t
     name = "hat"                    # for reports
     method = "auto"                 # auto, direct, two-step, nlp, free-pose
     step2 = "ipopt"                 # ipopt, bfgs: second step of two-step
+    prefer = "flat.obj"             # natural shape to stay near: same faces, any place
     gravity = 9.81                  # m/s2 along -up, or a vector [0.0, -9.81, 0.0]
     tolerance = 0.039               # contact when signed distance < tolerance
     pinned = [3, 17, 42]            # vertex ids from 0, or a text file "pins.txt"
@@ -51,7 +52,7 @@ from casashell.app.values import (
 from casashell.io.toml_tables import Table, read_toml
 
 _TOP: Final = (
-    *("name", "method", "step2", "gravity", "tolerance", "pinned"),
+    *("name", "method", "step2", "prefer", "gravity", "tolerance", "pinned"),
     *("shell", "material", "obstacle"),
 )
 
@@ -84,6 +85,8 @@ def read_scene(path: Path) -> SceneSpec:
         given["method"] = parse_method(top.text("method"), f"{path}: method")
     if "step2" in top:
         given["step2"] = parse_step2(top.text("step2"), f"{path}: step2")
+    if "prefer" in top:
+        given["prefer"] = folder / top.text("prefer")
     if "unit" in shell:
         given["unit"] = parse_unit(shell.values["unit"], f"{path}, [shell]")
     if "up" in shell:

@@ -120,7 +120,7 @@ def record_of(result: Result, unit: float = 1.0) -> dict[str, Any]:
         "contact_tolerance": result.contact_tolerance,
         "notes": list(result.notes),
         "timings": dict(result.timings),
-        "history": [dataclasses.asdict(step) for step in result.history],
+        "history": [_line(step) for step in result.history],
     }
     plain: dict[str, Any] = _plain(record)
     return plain
@@ -244,6 +244,13 @@ def _scene(
         for number, table in enumerate(tables, start=1)
     )
     return target, obstacles, ()
+
+
+def _line(step: Step) -> dict[str, object]:
+    """A step without the shapes that only callbacks see."""
+    shapes = ("rest", "pose")
+    names = [field.name for field in dataclasses.fields(step) if field.name not in shapes]
+    return {name: getattr(step, name) for name in names}
 
 
 def _record(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
