@@ -3,6 +3,9 @@
 The machine; the physics is in the package ``formulations`` beside it.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from casashell.contact.detect import Contacts
 from casashell.contact.mesh_obstacle import MeshObstacle
 from casashell.contact.obstacles import Capsule, Cone, Cylinder, Obstacle, Plane, Sphere
@@ -17,6 +20,9 @@ from casashell.result import Certificate, NotConverged, Quality, Result, Step
 from casashell.solve import solve
 from casashell.status import Status
 
+if TYPE_CHECKING:
+    from casashell.inverse.feasibility import Feasibility, Verdict, feasibility
+
 __version__ = "0.1.0"
 
 __all__ = [
@@ -26,6 +32,7 @@ __all__ = [
     "Contacts",
     "Cylinder",
     "Energy",
+    "Feasibility",
     "Finding",
     "MeshError",
     "MeshObstacle",
@@ -40,7 +47,9 @@ __all__ = [
     "Status",
     "Step",
     "TriMesh",
+    "Verdict",
     "codegen",
+    "feasibility",
     "inspect_mesh",
     "read_mesh",
     "repaired",
@@ -48,3 +57,12 @@ __all__ = [
     "validate",
     "write_mesh",
 ]
+
+#: Names that are loaded when asked for, and where from.
+_LATER = dict.fromkeys(("Feasibility", "Verdict", "feasibility"), "casashell.inverse.feasibility")
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'casashell' has no attribute '{name}'")
+    return getattr(import_module(_LATER[name]), name)

@@ -11,6 +11,8 @@ import typer
 
 from casashell.app import options as opt
 from casashell.app.failures import CommandError, command
+from casashell.app.feasibility_command import HELP as _FEASIBILITY_HELP
+from casashell.app.feasibility_command import feasibility
 
 _HELP = (
     "Natural shapes of elastic shells in frictional contact.\n\n"
@@ -131,6 +133,9 @@ def check(
 
         code = run_check(scene, repair=repair, quiet=quiet, as_json=as_json)
     raise typer.Exit(code)
+
+
+app.command(help=_FEASIBILITY_HELP)(feasibility)
 
 
 @app.command()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from casashell.inverse.feasibility_masses import TRUE_CONES, area_spread, free_masses
-from casashell.inverse.feasibility_mending import NEAR_AREAS, Mending, mend_elastic, mend_rigid
+from casashell.inverse.feasibility_mending import SAME_AREAS, Mending, mend_elastic, mend_rigid
 from casashell.inverse.feasibility_proof import Proof, rigid_proof
 from casashell.inverse.feasibility_states import (
     StabilityMargin,
@@ -28,6 +28,9 @@ from casashell.inverse.piece import Piece, split
 from casashell.inverse.stress import StressProgram
 from casashell.problem import Problem
 from casashell.typing import IntArray
+
+#: Balance with natural areas that differ from the target's by more than this factor is doubtful.
+NEAR_AREAS = 1.1
 
 
 class Verdict(StrEnum):
@@ -175,7 +178,7 @@ def _judge(piece: Piece, deadline: float) -> PartFeasibility:
             mending=mend_rigid(piece, None),
         )
     factor, loads = spread
-    if factor <= 1.0 + 1e-6:
+    if factor <= 1.0 + SAME_AREAS:
         factor, loads = 1.0, piece.loads
     return _stressed(part, StressProgram(piece, loads), factor, notes)
 

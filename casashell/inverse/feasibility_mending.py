@@ -15,8 +15,8 @@ from casashell.inverse.stress import StressProgram
 from casashell.typing import FloatArray, IntArray
 
 _MOST_PINS = 4
-#: A natural area may differ by this factor at most before a balance stops counting as one.
-NEAR_AREAS = 1.1
+#: Natural areas that differ from the target's by a factor of 1 + this much are the target's.
+SAME_AREAS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,13 @@ def mend_elastic(program: StressProgram, motion: FloatArray, deadline: float) ->
 
 
 def balanced(piece: Piece) -> bool:
-    """Whether contacts and pins can carry the loads as a whole, with nearly the target's masses."""
+    """Whether contacts and pins can carry the loads of the target as a whole."""
     if len(piece.contacts) == 0:
         modes = piece.rigid_modes
         left = np.linalg.norm(modes.T @ piece.loads.ravel())
         return bool(left <= 1e-9 * piece.f0 * len(piece.target))
     spread = area_spread(piece)
-    return spread is not None and spread[0] <= NEAR_AREAS
+    return spread is not None and spread[0] <= 1.0 + SAME_AREAS
 
 
 def _pushed(piece: Piece) -> FloatArray:

@@ -72,10 +72,11 @@ def _impossible(part: PartFeasibility) -> Iterator[str]:
     )
     if proof.holds:
         yield f"Proved: no natural shape holds this target, {scope}."
-        strength = (
-            "any" if np.isinf(proof.strength) else f"{proof.strength:.0e} times the weight in"
-        )
-        checked = f"The proof was checked again without the solver; it rules out {strength} forces."
+        checked = "Checked again without the solver: "
+        if np.isinf(proof.strength):
+            checked += "no stress and no contact force resists this motion."
+        else:
+            checked += f"balance would take forces of {proof.strength:.0e} times the weight."
     else:
         yield f"Most likely no natural shape holds this target, {scope}; this is not a proof."
         checked = (
