@@ -192,7 +192,9 @@ def _part_balances(
     # Least sum of slacks: a linear program's own tolerance must not decide.
     slack = np.concatenate([np.eye(6), -np.eye(6)], axis=1)
     cost = np.concatenate([np.zeros(matrix.shape[1]), np.ones(12)])
-    done = linprog(cost, A_eq=np.concatenate([matrix, slack], axis=1), b_eq=target, bounds=(0, None))
+    done = linprog(
+        cost, A_eq=np.concatenate([matrix, slack], axis=1), b_eq=target, bounds=(0, None)
+    )
     return bool(done.status == 0 and done.fun <= 1e-7 * len(loose))
 
 
