@@ -118,6 +118,12 @@ def _unsupported(piece: Piece, *, proved: bool) -> str:
 
 
 def _unfinished(status: Status, piece: Piece, outcome: Outcome) -> str:
+    if status is Status.INFEASIBLE:
+        return (
+            "No natural shape, stiffness or density can hold this target: it turns about what holds "
+            "it, and all of its weight pushes the same way. Pin more vertices or let more vertices "
+            "touch (tolerance)."
+        )
     if status is Status.UNSTABLE:
         if abs(outcome.eigenvalue) <= NEUTRAL:
             return (

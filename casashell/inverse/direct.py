@@ -67,7 +67,7 @@ class DirectSolver:
                 self.best = outcome
             if outcome.good:
                 return outcome
-        if self.best.rung == "start" and len(self.piece.contacts.vertices):
+        if not self.best.balanced and len(self.piece.held):
             self.best = replace(self.best, obstruction=rigid_obstruction(self.piece))
         return self.best
 

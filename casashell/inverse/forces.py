@@ -18,7 +18,7 @@ from casashell.contact.cone import tangents
 from casashell.contact.detect import Contacts
 from casashell.engine.sparse_solver import SingularMatrix, make_solver
 from casashell.inverse.piece import Piece
-from casashell.typing import FloatArray, IntArray
+from casashell.typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,9 @@ Block: TypeAlias = tuple[sp.csr_array, FloatArray, list[object]]
 
 #: How far inside the dual cone a proof of infeasibility has to be, for motions of unit size.
 PROOF_MARGIN = 1e-7
+
+#: Share of the largest displacement of a rigid motion that counts as none: on its axis.
+STILL = 1e-11
 
 #: From comfortable to barely admissible; 0.975 is the margin of Ly 2018 (their beta).
 SHRINKS = (Shrink(0.95 * 0.975, 0.02), Shrink(0.97, 0.002), Shrink(0.995, 1e-5))
@@ -196,7 +199,11 @@ def rigid_obstruction(piece: Piece) -> FloatArray | None:
     work = np.concatenate(
         [np.einsum("ni,nid->nd", load[loose], by_vertex[loose]) for load in piece.load_terms]
     )
-    work = work[np.abs(work).max(axis=1) > 0.0] / piece.f0
+    # Vertices on the axis of a line of pins stay where they are: their weight does no work.
+    moves = np.tile(_movable(by_vertex)[loose], len(piece.load_terms))
+    work = work[moves & (np.abs(work).max(axis=1, initial=0.0) > 0.0)] / piece.f0
+    if len(work) == 0:
+        return None
     # Maximise s with work.z >= s per vertex, n.z - mu |z_T| >= margin per contact, |z| <= 1.
     d = modes.shape[1]
     falls = sp.csr_array(np.hstack([-work, np.ones((len(work), 1))]))
@@ -213,7 +220,14 @@ def rigid_obstruction(piece: Piece) -> FloatArray | None:
         return None
     motion = np.asarray((modes @ found[:d]).reshape(-1, 3))
     motion[piece.pinned] = 0.0
+    motion[~_movable(by_vertex)] = 0.0
     return motion if is_obstruction(piece, motion) else None
+
+
+def _movable(modes: FloatArray) -> BoolArray:
+    """Vertices (n,) that some of the rigid motions (n,3,d) moves by more than rounding."""
+    reach = np.abs(modes).max(axis=(1, 2), initial=0.0)
+    return np.asarray(reach > STILL * reach.max(initial=0.0))
 
 
 def _lifting_rows(contacts: Contacts, modes: FloatArray) -> Block:
@@ -235,9 +249,12 @@ def _lifting_rows(contacts: Contacts, modes: FloatArray) -> Block:
 
 
 def is_obstruction(piece: Piece, motion: FloatArray) -> bool:
-    """Plain check of the proof of `rigid_obstruction`: strict signs, nothing but arithmetic."""
+    """Plain check of the proof of `rigid_obstruction`: strict signs, nothing but arithmetic.
+
+    Vertices with a motion of exactly zero, pinned or on an axis of pins, do no work either way.
+    """
     contacts = piece.contacts
-    loose = np.setdiff1d(np.arange(len(piece.target)), piece.pinned)
+    loose = np.flatnonzero(motion.any(axis=1))
     for newtons in piece.load_terms:
         load = newtons / (float(np.abs(newtons).max(initial=0.0)) or 1.0)
         loaded = loose[np.abs(load[loose]).max(axis=1) > 0.0]
@@ -246,4 +263,4 @@ def is_obstruction(piece: Piece, motion: FloatArray) -> bool:
     z = motion[contacts.vertices]
     normal = (z * contacts.normals).sum(axis=1)
     tangent = np.linalg.norm(z - normal[:, None] * contacts.normals, axis=1)
-    return bool(np.all(normal - contacts.friction * tangent > 0.0))
+    return bool(np.all((normal - contacts.friction * tangent > 0.0) | ~z.any(axis=1)))
