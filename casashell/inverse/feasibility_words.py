@@ -199,10 +199,13 @@ def _unstable(part: PartFeasibility) -> str:
         if margin.ended == "no solution"
         else f"no stable stresses were found in {margin.rounds} rounds of {margin.cuts} cuts"
     )
-    return (
-        f"Balanced, but not stably: {found} (lowest eigenvalue {margin.eigenvalue:.2g} N/m). The "
-        "material is too soft for this pose: raise bend (first) and stretch, or lower density."
+    advice = (
+        "The contacts carry it on the edge of their polygon only: let more vertices touch (tolerance) "
+        "or pin vertices."
+        if (part.area_factor or 1.0) > 1.0
+        else "The material is too soft for this pose: raise bend (first) and stretch, or lower density."
     )
+    return f"Balanced, but not stably: {found} (lowest eigenvalue {margin.eigenvalue:.2g} N/m). {advice}"
 
 
 def _stable(part: PartFeasibility) -> str:
