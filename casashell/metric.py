@@ -45,6 +45,13 @@ class Metric:
         angles = dihedral_angles(rest, mesh.hinges)
         return Metric(mesh.edges, shape.edge_lengths, mesh.hinges, angles, shape.face_areas)
 
+    def corner_angles(self, mesh: TriMesh) -> FloatArray:
+        """Natural angles (F,3) of every corner of the faces of ``mesh`` [rad]."""
+        sides = self.rest_length[MetricIndex(mesh).sides]
+        squares = sides**2
+        cosine = squares.sum(axis=1, keepdims=True) - 2.0 * squares  # times two adjacent sides
+        return np.asarray(np.arctan2(4.0 * heron(sides)[:, None], cosine))
+
 
 def heron(sides: FloatArray) -> FloatArray:
     """Areas (F,) of triangles with sides (F,3); 0 where the triangle inequality fails.

@@ -9,6 +9,7 @@ from typing import Any
 
 from casashell.contact.detect import Contacts
 from casashell.mesh import TriMesh
+from casashell.metric import Metric
 from casashell.status import Status
 from casashell.typing import AnyArray, FloatArray, IntArray
 
@@ -72,6 +73,9 @@ class Result:
     forces           (V,3) N, dE/dx at (pose, rest)
     material         arrays each energy term wrote about itself: edges, hinges, stretch, bend, ...
     contact_tolerance  m, the one the contacts were found with; kept for running again
+    metric           natural lengths, angles and areas, when they were asked for.  Where it is not
+                     embedded no mesh has them: then ``forces`` and the certificate are those of the
+                     metric, and ``rest`` is the nearest mesh, good for pictures only
     """
 
     status: Status
@@ -95,6 +99,12 @@ class Result:
     factorizations: int = 0
     timings: Mapping[str, float] = field(default_factory=dict)
     contact_tolerance: float | None = None
+    metric: Metric | None = None
+
+    @property
+    def natural(self) -> str:
+        """What the certificate is about: "mesh" (``rest``) or "metric" (``metric``)."""
+        return "mesh" if self.metric is None or self.metric.embedded else "metric"
 
     def require(self) -> Result:
         """The result itself if it is a certified equilibrium, else NotConverged is raised."""

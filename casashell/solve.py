@@ -11,9 +11,11 @@ import numpy as np
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
 from casashell.inverse.certificate import certify, no_certificate
 from casashell.inverse.methods import METHODS, PRESETS, STEP2, Choice, StepTwoMethod
+from casashell.inverse.metric_mode import METRIC_ONLY, NATURALS, MetricMode, metric_quality
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
+from casashell.metric import Metric, with_metric
 from casashell.problem import Problem
 from casashell.result import Certificate, Result, Step
 from casashell.status import Status
@@ -36,6 +38,7 @@ class _Run:
     notes: list[str] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
     interrupted: bool = False
+    mode: MetricMode | None = None
 
     def report(self, step: Step) -> None:
         """Record a step and pass it on."""
@@ -68,6 +71,7 @@ def solve(
     step2: StepTwoMethod = "ipopt",
     preset: str = "scaled",
     prefer: ArrayLike | None = None,
+    natural: str = "mesh",
     callback: Callback | None = None,
     interpreted: bool = False,
 ) -> Result:
@@ -81,16 +85,22 @@ def solve(
     preset       schedule and stopping rules of "two-step": "scaled" with the scene, or "paper"
     prefer       (V,3) m, a natural shape that the answer stays near where contact forces leave a
                  choice: a flat sheet, a pattern, an old version; where it lies does not matter
+    natural      "mesh": natural positions; "metric": also natural lengths and angles, in
+                 ``Result.metric``, and those alone where no natural mesh is found: softer materials
+                 can hold the target then
     callback     called with a `Step` at every iteration; an exception from it ends the solve
     interpreted  run kernels by CasADi's virtual machine even when there is a C compiler
 
     A KeyboardInterrupt ends the solve with what it has and status INTERRUPTED.  A solve that fails
     returns its best attempt with a status and advice; `Result.require` turns that into an exception.
-    Raises ValueError for an unknown method, second step or preset, and a preferred shape that does
-    not fit the mesh.
+    Raises ValueError for an unknown method, second step, preset or kind of natural shape, a preferred
+    shape that does not fit the mesh, and energies that cannot take a metric when one is asked for.
     """
+    if natural not in NATURALS:
+        raise ValueError(f"natural must be one of {', '.join(NATURALS)}; got '{natural}'")
     choice = Choice(method, step2, preset, _preferred(problem, prefer))
     run = _Run(problem, "direct" if method == "auto" else method, callback)
+    run.mode = MetricMode(problem) if natural == "metric" else None
     try:
         begin = time.perf_counter()
         contacts = problem.contacts
@@ -110,7 +120,9 @@ def solve(
             )
         for piece in run.pieces:
             run.solvers.append(choice.solver(piece, run.report))
-            run.solvers[-1].run()
+            outcome = run.solvers[-1].run()
+            if run.mode is not None and not outcome.good and outcome.obstruction is None:
+                run.mode.solve(len(run.solvers) - 1, piece, run.report)
         run.clock("solve", begin)
     except KeyboardInterrupt:
         run.interrupted = True
@@ -157,9 +169,13 @@ def _gathered(
 def _finish(run: _Run) -> Result:
     problem, contacts = run.problem, run.problem.contacts
     rest, pose, contact_forces, outcomes = _gathered(run)
+    metric = None
+    if run.mode is not None:
+        metric = run.mode.metric(run.pieces, rest)
+        rest, pose, contact_forces = run.mode.applied(run.pieces, rest, pose, contact_forces)
     begin = time.perf_counter()
     try:
-        certificate, forces = _certificate(run, rest, pose, contact_forces)
+        certificate, forces = _certificate(run, rest, pose, contact_forces, metric)
     except KeyboardInterrupt:
         run.interrupted = True
         certificate, forces = no_certificate(problem.target), np.full_like(rest, np.nan)
@@ -171,9 +187,12 @@ def _finish(run: _Run) -> Result:
             f"leaves {certificate.free_force:.1e} of a nodal weight"
         )
         rest, _, _, _ = _gathered(run, in_place=False)
-        certificate, forces = _certificate(run, rest, pose, contact_forces)
+        metric = None if run.mode is None else run.mode.metric(run.pieces, rest)
+        certificate, forces = _certificate(run, rest, pose, contact_forces, metric)
     begin = run.clock("certificate", begin)
     quality = assess(problem.target, rest)
+    if metric is not None and not metric.embedded:
+        quality = metric_quality(problem.target, metric, quality)
     run.clock("quality", begin)
     status, advice = _verdict(run, certificate, outcomes)
     material: dict[str, AnyArray] = {}
@@ -181,8 +200,9 @@ def _finish(run: _Run) -> Result:
         material.update(term.material)
     if problem.friction is not None:
         material["vertex_friction"] = np.asarray(problem.friction)
-    for solver in run.solvers:
-        run.notes += [note for note in solver.notes if note not in run.notes]
+    sources = [solver.notes for solver in run.solvers] + ([run.mode.notes] if run.mode else [])
+    for notes in sources:
+        run.notes += [note for note in notes if note not in run.notes]
     return Result(
         status=status,
         advice=advice,
@@ -205,15 +225,23 @@ def _finish(run: _Run) -> Result:
         iterations=sum(s.iterations for s in run.solvers),
         factorizations=sum(s.factorizations for s in run.solvers),
         timings=dict(run.timings),
+        metric=metric,
     )
 
 
 def _certificate(
-    run: _Run, rest: FloatArray, pose: FloatArray, contact_forces: FloatArray
+    run: _Run,
+    rest: FloatArray,
+    pose: FloatArray,
+    contact_forces: FloatArray,
+    metric: Metric | None,
 ) -> tuple[Certificate, FloatArray]:
     problem = run.problem
+    energies = problem.energies
+    if metric is not None and not metric.embedded:
+        energies = with_metric(energies, problem.target, metric)
     return certify(
-        problem.energies,
+        energies,
         problem.target.vertices,
         pose,
         rest,
@@ -227,12 +255,13 @@ def _certificate(
 def _verdict(run: _Run, certificate: Certificate, outcomes: list[Outcome]) -> tuple[Status, str]:
     """Status and advice: the certificate decides, the solvers only explain a failure."""
     status = status_of(certificate)
+    found = {} if run.mode is None else run.mode.found
     if status.certified:
-        return status, explain(status, run.problem, None, None)
+        return status, METRIC_ONLY if found else explain(status, run.problem, None, None)
     if run.interrupted:  # also when only the certificate is missing
         return Status.INTERRUPTED, explain(Status.INTERRUPTED, run.problem, None, None)
-    for piece, outcome in zip(run.pieces, outcomes, strict=False):
-        if outcome.good:
+    for number, (piece, outcome) in enumerate(zip(run.pieces, outcomes, strict=False)):
+        if outcome.good or number in found:
             continue
         status = _failure(status, outcome)
         return status, explain(status, run.problem, piece, outcome)
@@ -253,4 +282,4 @@ def _failure(status: Status, outcome: Outcome) -> Status:
     return status
 
 
-__all__ = ["METHODS", "PRESETS", "STEP2", "Callback", "StepTwoMethod", "solve"]
+__all__ = ["METHODS", "NATURALS", "PRESETS", "STEP2", "Callback", "StepTwoMethod", "solve"]

@@ -22,7 +22,7 @@ from casashell.inverse.stability import free_dofs, lowest_eigenpairs
 from casashell.mesh import TriMesh
 from casashell.metric import Metric, thinness
 from casashell.result import Step
-from casashell.typing import BoolArray, FloatArray, IntArray
+from casashell.typing import FloatArray, IntArray
 
 #: Rounds of the program at most, and seconds after which no other is begun.
 MAX_ROUNDS: Final = 40
@@ -68,10 +68,9 @@ class MetricSolver:
         self.dofs = free_dofs(piece, active)
         free = np.zeros(len(piece.target), dtype=bool)
         free[self.dofs // 3] = True
-        self.vertices = 3 * np.flatnonzero(free)[:, None] + np.arange(3)
-        self.edges = _coordinates(piece.edges[free[piece.edges].all(axis=1)])
-        self.on_vertices = np.zeros(len(self.vertices), dtype=bool)
-        self.on_edges = np.zeros(len(self.edges), dtype=bool)
+        places = [np.flatnonzero(free)[:, None], *(t.stencils for t in self.state.terms)]
+        self.places = [_coordinates(place[free[place].all(axis=1)]) for place in places]
+        self.chosen = [np.zeros(len(place), dtype=bool) for place in self.places]
         self.directions: list[FloatArray] = []
 
     def run(self) -> MetricOutcome | None:
@@ -112,7 +111,7 @@ class MetricSolver:
 
     @property
     def _cut(self) -> bool:
-        return bool(self.directions) or bool(self.on_vertices.any() or self.on_edges.any())
+        return bool(self.directions)
 
     @property
     def _unit(self) -> float:
@@ -123,9 +122,11 @@ class MetricSolver:
             return []
         stiffness, delta = StiffnessMap(self.state, program.metric, program.now), DELTA * self._unit
         cuts = [stiffness.along(block, delta) for block in self.directions]
-        for dofs, chosen in ((self.vertices, self.on_vertices), (self.edges, self.on_edges)):
-            if chosen.any():
-                cuts.append(stiffness.on(dofs[chosen], delta))
+        cuts += [
+            stiffness.on(dofs[chosen], delta)
+            for dofs, chosen in zip(self.places, self.chosen, strict=True)
+            if chosen.any()
+        ]
         return cuts
 
     def _move(self, program: MetricProgram, tau: FloatArray) -> bool:
@@ -150,8 +151,9 @@ class MetricSolver:
             block = np.zeros((self.piece.target.size, int(weak.sum())))
             block[self.dofs] = vectors[:, weak]
             self.directions.append(block)
-            self.on_vertices |= _weak(stiffness, self.vertices, delta)
-            self.on_edges |= _weak(stiffness, self.edges, delta)
+            for dofs, chosen in zip(self.places, self.chosen, strict=True):
+                if len(dofs):
+                    chosen |= stiffness.lowest_on(dofs) < delta
         residual = float(np.abs(program.residual(columns)).max(initial=0.0))
         forces = program.forces(columns)
         return MetricOutcome(program.metric, forces, residual, float(values[0]) / self._unit)
@@ -165,10 +167,6 @@ class MetricSolver:
             if np.abs(program.residual(columns)).max(initial=0.0) <= 1e-3 * SETTLED:
                 break
         return self._judged(program, columns)
-
-
-def _weak(stiffness: StiffnessMap, dofs: IntArray, delta: float) -> BoolArray:
-    return np.asarray(stiffness.lowest_on(dofs) < delta) if len(dofs) else np.zeros(0, dtype=bool)
 
 
 def _coordinates(vertices: IntArray) -> IntArray:

@@ -122,6 +122,11 @@ class MetricState:
             parts.append((tau, c, 1.0 / tau_n, c_n / tau_n))
         return Strained(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
+    def natural_numbers(self, metric: Metric) -> list[FloatArray]:
+        """The natural number that each element is measured against, per term."""
+        values = {2: metric.rest_length, 3: metric.rest_area, 4: metric.rest_angle}
+        return [values[kind][own] for kind, own in zip(self.kinds, self.own, strict=True)]
+
     def realised(self, metric: Metric, tau: FloatArray) -> Metric:
         """The metric with the strain forces ``tau`` (T,), found from ``metric``."""
         lengths, angles = metric.rest_length.copy(), metric.rest_angle.copy()
