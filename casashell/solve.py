@@ -99,7 +99,7 @@ def solve(
     if natural not in NATURALS:
         raise ValueError(f"natural must be one of {', '.join(NATURALS)}; got '{natural}'")
     choice = Choice(method, step2, preset, _preferred(problem, prefer))
-    run = _Run(problem, "direct" if method == "auto" else method, callback)
+    run = _Run(problem, method, callback)
     run.mode = MetricMode(problem) if natural == "metric" else None
     try:
         begin = time.perf_counter()

@@ -56,11 +56,24 @@ class _State:
 
 
 class FreePoseSolver:
-    """Runs the steps on one piece and keeps the best outcome where an interrupt can find it."""
+    """Runs the steps on one piece and keeps the best outcome where an interrupt can find it.
 
-    def __init__(self, piece: Piece, report: Report) -> None:
+    after      a solver of the target that has run already; None runs one
+    max_steps  steps from one drape
+    """
+
+    def __init__(
+        self,
+        piece: Piece,
+        report: Report,
+        *,
+        after: DirectSolver | None = None,
+        max_steps: int = MAX_STEPS,
+    ) -> None:
         self.piece, self.report = piece, report
-        self.direct = DirectSolver(piece, report)
+        self._fresh = after is None
+        self.direct = after or DirectSolver(piece, report)
+        self.max_steps = max_steps
         self.path = LoadPath(piece, lambda step: None)
         self.draper = Draper(Pulled(piece, 0.0), piece.held)
         self.program = PoseProgram(piece)
@@ -72,13 +85,14 @@ class FreePoseSolver:
     @property
     def iterations(self) -> int:
         """Newton iterations and steps so far."""
-        return self.direct.iterations + self.path.iterations + self.steps
+        before = self.direct.iterations if self._fresh else 0
+        return before + self.path.iterations + self.steps
 
     @property
     def factorizations(self) -> int:
         """Factorisations of all parts so far, without those of the convex programs."""
         return (
-            self.direct.factorizations
+            (self.direct.factorizations if self._fresh else 0)
             + self.path.factorizations
             + self.draper.factorizations
             + self.program.system.factorizations
@@ -90,8 +104,10 @@ class FreePoseSolver:
 
     def run(self) -> Outcome:
         """The target itself, or the closest pose found; the outcome is also in ``best``."""
-        self.best = self.direct.run()
-        self.notes += self.direct.notes
+        if self._fresh:
+            self.direct.run()
+            self.notes += self.direct.notes
+        self.best = self.direct.best
         if self.best.good or self.best.obstruction is not None or len(self.piece.held) == 0:
             return self.best
         if len(self.piece.contacts):
@@ -146,7 +162,7 @@ class FreePoseSolver:
         """Steps until the pose is admissible and comes no closer."""
         kappa, share = 1e-2, 1.0
         self._unstable = False
-        for _ in range(MAX_STEPS):
+        for _ in range(self.max_steps):
             modes = MODES if self._unstable else 0
             step = self.program.step(state.pose, state.rest, kappa, modes)
             self.steps += 1

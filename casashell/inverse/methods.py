@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+from casashell.inverse.auto import AutoSolver
 from casashell.inverse.direct import DirectSolver
 from casashell.inverse.load_path import Report
 from casashell.inverse.outcome import PieceSolver
@@ -65,4 +66,4 @@ class Choice:
             from casashell.inverse.free_pose import FreePoseSolver
 
             return FreePoseSolver(piece, report)
-        return DirectSolver(piece, report)
+        return DirectSolver(piece, report) if self.method == "direct" else AutoSolver(piece, report)

@@ -51,7 +51,10 @@ def one_shot(
 
 
 class NlpSolver:
-    """`one_shot` as a solver of a piece: keeps its outcome where an interrupt can find it."""
+    """`one_shot` as a solver of a piece: keeps its outcome where an interrupt can find it.
+
+    elastic  when there is no solution, find where balance lacks least; else one attempt, no slack
+    """
 
     def __init__(
         self,
@@ -59,10 +62,11 @@ class NlpSolver:
         report: Report,
         *,
         floor: float = FLOORS[0],
+        elastic: bool = True,
         max_iterations: int = MAX_ITERATIONS,
     ) -> None:
         self.piece, self.report = piece, report
-        self.floor, self.max_iterations = floor, max_iterations
+        self.floor, self.elastic, self.max_iterations = floor, elastic, max_iterations
         self.best = starting_outcome(piece)
         self.notes: list[str] = []
         self.iterations = 0
@@ -110,13 +114,14 @@ class NlpSolver:
         program = self._program(self.floor)
         spent, seconds = 0, 0.0
         if forces is not None:
-            for floor in dict.fromkeys((self.floor, *(f for f in FLOORS if f < self.floor))):
+            lower = [f for f in FLOORS if f < self.floor] if self.elastic else []
+            for floor in (self.floor, *lower):
                 program = self._program(floor)
                 found = self._run(program, forces, elastic=False)
                 spent, seconds = spent + found.iterations, seconds + found.seconds
                 if found.converged or len(piece.contacts) == 0:
                     break
-            if found.converged:
+            if found.converged or not self.elastic:
                 return replace(found, iterations=spent, seconds=seconds)
         else:
             self.notes.append("no contact forces in the friction cones balance the weight")

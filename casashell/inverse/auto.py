@@ -1,0 +1,119 @@
+"""The cheapest method that works: a ladder that goes on only when a rung has not held the target.
+
+1. Newton along the load path with projected reactions, then with the stress program and its cuts;
+2. the nonlinear program at the target, from where the path ended;
+3. a pose near the target, when the target itself cannot be held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from casashell.inverse.direct import DirectSolver
+from casashell.inverse.forces import rigid_obstruction
+from casashell.inverse.load_path import Report
+from casashell.inverse.outcome import Outcome, PieceSolver
+from casashell.inverse.piece import Piece
+
+#: Vertices up to which the dearer rungs are tried: beyond, one takes minutes.
+LARGEST: Final = 3000
+#: Share of the load that the path has to carry for the program to have a chance.
+NEAR_ENOUGH: Final = 0.3
+#: Iterations of the program, and steps of the free pose.
+NLP_ITERATIONS, POSE_STEPS = 75, 15
+
+
+class AutoSolver:
+    """Climbs the ladder on one piece; ``method`` names the rung of the best outcome."""
+
+    def __init__(self, piece: Piece, report: Report) -> None:
+        self.piece, self.report = piece, report
+        self.direct = DirectSolver(piece, report)
+        self.solvers: list[PieceSolver] = [self.direct]
+        self.best = self.direct.best
+        self.method = "direct"
+        self.notes: list[str] = []
+
+    @property
+    def iterations(self) -> int:
+        """Of all rungs."""
+        return sum(solver.iterations for solver in self.solvers)
+
+    @property
+    def factorizations(self) -> int:
+        """Of all rungs."""
+        return sum(solver.factorizations for solver in self.solvers)
+
+    def salvage(self) -> Outcome:
+        """The best outcome so far, also of a rung that was interrupted."""
+        latest = self.solvers[-1].salvage()
+        return latest if latest.good or latest.rank > self.best.rank else self.best
+
+    def run(self) -> Outcome:
+        """Solve; the outcome is also in ``best``."""
+        self.notes += _skipped(self.piece)
+        self.best = self.direct.run()
+        self.notes += self.direct.notes
+        if not self.best.good and self._worth_more():
+            for name, solver in self._dearer():
+                self.solvers.append(solver)
+                outcome = solver.run()
+                if outcome.good or outcome.rank > self.best.rank:
+                    self.best, self.method = outcome, name
+                if outcome.good:
+                    self.notes.append(f"direct did not hold the target, {name} found the answer")
+                    self.notes += [note for note in solver.notes if note not in self.notes]
+                    break
+                self.notes.append(f"{name}: no stable equilibrium either")
+        return self.best
+
+    def _worth_more(self) -> bool:
+        piece = self.piece
+        if self.best.obstruction is not None or len(piece.held) == 0:
+            return False
+        if len(piece.contacts):
+            obstruction = rigid_obstruction(piece)
+            if obstruction is not None:
+                self.best = replace(self.best, obstruction=obstruction)
+                return False
+        if len(piece.target) > LARGEST:
+            self.notes.append(
+                f"more than {LARGEST} vertices: the dearer methods nlp and free-pose were not tried"
+            )
+            return False
+        return True
+
+    def _dearer(self) -> Iterator[tuple[str, PieceSolver]]:
+        """The other rungs, each made when the one before has failed."""
+        from casashell.inverse.free_pose import FreePoseSolver
+        from casashell.inverse.one_shot import NlpSolver
+
+        if self.best.load >= NEAR_ENOUGH:
+            yield (
+                "nlp",
+                NlpSolver(self.piece, self.report, max_iterations=NLP_ITERATIONS, elastic=False),
+            )
+        yield (
+            "free-pose",
+            FreePoseSolver(self.piece, self.report, after=self.direct, max_steps=POSE_STEPS),
+        )
+
+
+def _skipped(piece: Piece) -> list[str]:
+    """What this piece does not need, in words."""
+    notes = []
+    contacts = piece.contacts
+    internal = [term for term in piece.assembly.energies if not term.load]
+    if not piece.loads.any():
+        notes.append("no weight: the target is its own natural shape, nothing to solve")
+    elif len(np.unique(piece.pinned)) == len(piece.target):
+        notes.append("every vertex is pinned: nothing to solve")
+    elif len(contacts) and (contacts.friction == 0.0).all():
+        notes.append("no friction: one force a contact, no cones")
+    if len(internal) == 1:
+        notes.append(f"'{internal[0].name}' is the only elastic energy: the others are left out")
+    return notes
