@@ -16,8 +16,9 @@ from casashell.inverse.stability import NEUTRAL, free_dofs, lowest_eigenpairs
 from casashell.inverse.stress import Stress, StressProgram
 from casashell.typing import FloatArray
 
-#: A mesh can hardly have hinges whose rest angle differs by more from the target's [rad].
-LARGEST_FOLD = 0.5 * np.pi
+#: No mesh has hinges whose rest angle differs by more from that of a flat target [rad]; it hardly has
+#: any that differ by more than half of it.
+LARGEST_FOLD, LARGE_FOLD = np.pi, 0.5 * np.pi
 #: Elongation / length beyond which edges are not what the model is for; -1 has no rest length.
 LARGEST_STRETCH = 0.5
 MAX_ROUNDS = 10
@@ -48,7 +49,13 @@ class StressState:
     @property
     def bearable(self) -> bool:
         """Whether a mesh can have the natural lengths and angles these stresses ask for."""
-        return (self.stretch or 0.0) <= LARGEST_STRETCH and (self.fold or 0.0) <= LARGEST_FOLD
+        return self.within(LARGEST_FOLD)
+
+    def within(self, fold: float) -> bool:
+        """Whether folds stay within ``fold`` [rad] and stretch within `LARGEST_STRETCH`."""
+        near = 1.0 + 1e-6  # what an interior-point method leaves of a bound
+        stretch = self.stretch or 0.0
+        return stretch <= near * LARGEST_STRETCH and (self.fold or 0.0) <= near * fold
 
 
 @dataclass(frozen=True)
@@ -82,12 +89,12 @@ def measures_length(term: Energy, program: StressProgram) -> bool:
     return bool((_lengths(program, term) > 0.1 * size * reach).any())
 
 
-def limits(program: StressProgram) -> FloatArray:
-    """Largest |q - q_r| (T,) of every element of a bearable natural shape."""
+def limits(program: StressProgram, fold: float) -> FloatArray:
+    """Largest |q - q_r| (T,) of every element: ``fold`` [rad] for angles, `LARGEST_STRETCH`."""
     parts = [
         LARGEST_STRETCH * _lengths(program, term)
         if measures_length(term, program)
-        else np.full(len(term.stencils), LARGEST_FOLD)
+        else np.full(len(term.stencils), fold)
         for term in program.terms
     ]
     return np.concatenate(parts) if parts else np.empty(0)
@@ -140,11 +147,17 @@ def _friction_used(piece: Piece, forces: FloatArray) -> float | None:
 def least_stress(program: StressProgram, shrink: Shrink) -> tuple[Stress, FloatArray | None] | None:
     """Stresses of least energy, within `limits` if there are such; the limits used, or None."""
     found = program.solve(shrink)
-    if found is None or state_of(program, found).bearable:
-        return None if found is None else (found, None)
-    bound = limits(program)
-    within = program.solve(shrink, limit=bound)
-    return (found, None) if within is None else (within, bound)
+    if found is None:
+        return None
+    state = state_of(program, found)
+    for fold in (LARGE_FOLD, LARGEST_FOLD):
+        if state.within(fold):
+            return found, None
+        bound = limits(program, fold)
+        within = program.solve(shrink, limit=bound)
+        if within is not None:
+            return within, bound
+    return found, None
 
 
 def stability(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casashell.inverse.feasibility_proof import STRENGTH
-from casashell.inverse.feasibility_states import LARGEST_FOLD, LARGEST_STRETCH
+from casashell.inverse.feasibility_states import LARGE_FOLD, LARGEST_FOLD, LARGEST_STRETCH
 from casashell.typing import IntArray
 
 if TYPE_CHECKING:
@@ -64,12 +64,17 @@ def _impossible(part: PartFeasibility) -> Iterator[str]:
     proof = part.proof
     if proof is None:
         raise ValueError(f"a part with reason '{part.reason}' needs its certificate")
-    scope = (
-        "whatever its material and its masses"
-        if np.isinf(proof.area_factor)
-        else "whatever its stiffness, as long as its areas are within a factor of "
-        f"{proof.area_factor:g} of the target's"
+    material = (
+        "whatever its material"
+        if proof.rigid
+        else "whatever the stiffness of the edges and hinges that have any"
     )
+    masses = (
+        "whatever its masses"
+        if np.isinf(proof.area_factor)
+        else f"as long as its areas are within a factor of {proof.area_factor:g} of the target's"
+    )
+    scope = f"{material} and {masses}"
     if proof.holds:
         yield f"Proved: no natural shape holds this target, {scope}."
         checked = "Checked again without the solver: "
@@ -97,9 +102,9 @@ def _motion(part: PartFeasibility) -> Iterator[str]:
     kind = "the shell moves as a whole" if proof.rigid else f"{ids(moving)} move"
     how = "without straining anything and the weight does work"
     if mending is not None and len(mending.sliding):
-        how += f"; the contacts at {ids(part.vertices[mending.sliding])} slide along"
+        how += f"; contacts at {ids(part.vertices[mending.sliding])} slide along"
     if mending is not None and len(mending.lifting):
-        how += f"; those at {ids(part.vertices[mending.lifting])} lift off"
+        how += f"; contacts at {ids(part.vertices[mending.lifting])} lift off"
     yield f"Why: {kind} {how}."
     if not proof.rigid:
         yield (
@@ -165,13 +170,18 @@ def _held(part: PartFeasibility) -> Iterator[str]:
         yield (
             f"Feasible only with {strains}: the material is too soft, a natural shape with folds "
             f"beyond {LARGEST_FOLD:.2f} rad or a stretch beyond {100.0 * LARGEST_STRETCH:.0f} % "
-            "hardly exists as a mesh. Raise bend (first) and stretch, or lower density."
+            "does not exist as a mesh. Raise bend (first) and stretch, or lower density."
         )
         return
     if part.reason == "stability" and margin is not None:
         yield _unstable(part)
     else:
         yield f"Feasible, with {strains}."
+    if (state.fold or 0.0) > LARGE_FOLD * (1.0 + 1e-6):
+        yield (
+            f"Warning: natural shapes with folds beyond {LARGE_FOLD:.2f} rad hardly exist as meshes; "
+            "a stiffer bend or less density makes it safe."
+        )
     if part.area_factor is not None and part.area_factor > 1.0:
         yield f"Natural areas have to differ from the target's by a factor of {part.area_factor:.3f}."
     if state.friction_used is not None:
@@ -195,7 +205,7 @@ def _unstable(part: PartFeasibility) -> str:
             "vertices or let more vertices touch (tolerance)."
         )
     found = (
-        f"no stresses meet {margin.cuts} stability cuts"
+        f"no stresses meet the stability cuts ({margin.cuts})"
         if margin.ended == "no solution"
         else f"no stable stresses were found in {margin.rounds} rounds of {margin.cuts} cuts"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,45 +12,14 @@ from meshes import cap, grid, jittered, rotation
 from plain_shell import PlainShell
 from small_scenes import clamped_page, hat_on_ball, sheet_on_slope, upright_sheet
 
-from casashell.contact.mesh_obstacle import MeshObstacle
 from casashell.contact.obstacles import Plane, Sphere
 from casashell.inverse.feasibility import Feasibility, PartFeasibility, Verdict, feasibility
 from casashell.inverse.feasibility_proof import AREA_FACTOR, STRENGTH, check_proof
 from casashell.inverse.piece import split
-from casashell.io.meshes import read_mesh
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.solve import solve
 from casashell.typing import FloatArray
-
-# folder: metres per unit, contact tolerance in that unit; from the table of reference runs.
-GARMENTS = {
-    "skirt_8panel_smpl": (1.0, 0.0045),
-    "skirt_4panel_smpl": (1.0, 0.0039),
-    "top_avatar": (0.1, 0.033),
-    "hat_on_sphere": (0.1, 0.039),
-    "sleeve_avatar": (0.1, 0.040),
-    "long_skirt_makehuman": (0.1, 0.069),
-    "shirt_avatar": (0.1, 0.085),
-    "pants_avatar": (0.1, 0.049),
-    "dress_avatar": (0.1, 0.048),
-    "knit_cap_avatar": (0.1, 0.091),
-    "brimmed_hat_avatar": (0.1, 0.057),
-}
-
-
-def _real(
-    data: Path,
-    name: str,
-    unit: float,
-    tolerance: float,
-    friction: float = 0.5,
-    bend: float = 1e-3,
-) -> Problem:
-    target = read_mesh(data / name / "shell.obj", unit=unit)
-    body = MeshObstacle(read_mesh(data / name / "obstacle.obj", unit=unit), friction=friction)
-    terms = PlainShell(target, bend=bend, gravity=(0.0, -9.81, 0.0)).terms()
-    return Problem(target, terms, (body,), contact_tolerance=tolerance * unit)
 
 
 def _only(found: Feasibility) -> PartFeasibility:
@@ -200,17 +168,18 @@ def test_tampered_proofs_are_refused() -> None:
     (piece,) = split(problem)
     proof = _only(feasibility(problem)).proof
     assert proof is not None
-    assert check_proof(piece, 7.0 * proof.motion, np.inf).holds  # its size does not matter
-    assert not check_proof(piece, -proof.motion, np.inf).holds
-    assert not check_proof(piece, np.zeros_like(proof.motion), np.inf).holds
     bent = proof.motion.copy()
     bent[7] += 1e-5
-    refused = check_proof(piece, bent, np.inf)
-    assert not refused.holds
-    assert not refused.rigid
-    assert refused.strength < STRENGTH
     rough = piece.touching(replace(piece.contacts, friction=np.full(len(piece.contacts), 1.0)))
-    assert not check_proof(rough, proof.motion, np.inf).holds
+    for factor in (np.inf, AREA_FACTOR):
+        assert check_proof(piece, 7.0 * proof.motion, factor).holds  # its size does not matter
+        assert not check_proof(piece, -proof.motion, factor).holds
+        assert not check_proof(piece, np.zeros_like(proof.motion), factor).holds
+        refused = check_proof(piece, bent, factor)
+        assert not refused.holds
+        assert not refused.rigid
+        assert refused.strength < STRENGTH
+        assert not check_proof(rough, proof.motion, factor).holds
 
 
 def test_bounds_of_the_masses_are_part_of_the_proof() -> None:
@@ -229,14 +198,14 @@ def test_bounds_of_the_masses_are_part_of_the_proof() -> None:
 def test_soft_material_is_told_from_no_solution() -> None:
     """Folds grow as one over the bending stiffness until no mesh can have them."""
     stiff = _only(feasibility(clamped_page(bend=3e-1)))
-    soft = _only(feasibility(clamped_page(bend=3e-4)))
+    soft = _only(feasibility(clamped_page(bend=1e-4)))
     assert stiff.verdict is Verdict.FEASIBLE
     assert soft.verdict is Verdict.TOO_SOFT
     assert stiff.state is not None
     assert soft.state is not None
     assert stiff.state.fold is not None
     assert soft.state.fold is not None
-    assert soft.state.fold > np.pi / 2 > 0.1 > stiff.state.fold
+    assert soft.state.fold > np.pi > 0.1 > stiff.state.fold
 
 
 def test_what_is_skipped_is_said() -> None:
@@ -342,26 +311,3 @@ def test_agrees_with_the_solver(friction: float, tilt: float, bend: float, seed:
         assert said.verdict is Verdict.FEASIBLE, said.summary
     if said.verdict is Verdict.INFEASIBLE:
         assert not done.status.certified
-
-
-def test_slope_of_real_data(shared_data: Path) -> None:
-    """tan 42.2 degrees = 0.91; at friction 1 it holds if it is stiff enough for its 6 m."""
-    part = _only(feasibility(_real(shared_data, "sheet_on_slope_576", 1.0, 0.01)))
-    assert part.verdict is Verdict.INFEASIBLE
-    assert part.mending is not None
-    assert part.mending.friction == pytest.approx(0.91, abs=0.015)
-    rough = _real(shared_data, "sheet_on_slope_576", 1.0, 0.01, friction=1.0, bend=1.0)
-    assert feasibility(rough).verdict is Verdict.FEASIBLE
-
-
-@pytest.mark.parametrize("name", ["skirt_8panel_smpl", "skirt_4panel_smpl", "knit_cap_avatar"])
-def test_real_garments_are_feasible(shared_data: Path, name: str) -> None:
-    found = feasibility(_real(shared_data, name, *GARMENTS[name]))
-    assert found.verdict is Verdict.FEASIBLE, found.summary
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", GARMENTS)
-def test_all_garments_are_feasible(shared_data: Path, name: str) -> None:
-    found = feasibility(_real(shared_data, name, *GARMENTS[name]))
-    assert found.verdict is Verdict.FEASIBLE, found.summary
