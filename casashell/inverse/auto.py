@@ -25,6 +25,8 @@ LARGEST: Final = 3000
 NEAR_ENOUGH: Final = 0.3
 #: Iterations of the program, and steps of the free pose.
 NLP_ITERATIONS, POSE_STEPS = 75, 15
+#: Distance / size up to which another pose is an answer to what was asked.
+NEARBY: Final = 0.05
 
 
 class AutoSolver:
@@ -62,6 +64,13 @@ class AutoSolver:
             for name, solver in self._dearer():
                 self.solvers.append(solver)
                 outcome = solver.run()
+                away = self._away(outcome)
+                if outcome.good and away > NEARBY:
+                    self.notes.append(
+                        f"the closest stable pose found is {away:.0%} of the size away from the target, "
+                        "not an answer; --method free-pose gives it"
+                    )
+                    continue
                 if outcome.good or outcome.rank > self.best.rank:
                     self.best, self.method = outcome, name
                 if outcome.good:
@@ -86,6 +95,12 @@ class AutoSolver:
             )
             return False
         return True
+
+    def _away(self, outcome: Outcome) -> float:
+        """Largest component of pose - target over the size of the target."""
+        target = self.piece.target
+        size = float(np.linalg.norm(np.ptp(target, axis=0)))
+        return float(np.abs(outcome.pose - target).max()) / (size or 1.0)
 
     def _dearer(self) -> Iterator[tuple[str, PieceSolver]]:
         """The other rungs, each made when the one before has failed."""
