@@ -10,7 +10,10 @@ from typing import Annotated
 import typer
 
 from casashell.app import options as opt
-from casashell.app.failures import CommandError, command
+from casashell.app.export_command import HELP as _EXPORT_HELP
+from casashell.app.export_command import export
+from casashell.app.failures import command
+from casashell.app.materials_command import materials
 from casashell.app.feasibility_command import HELP as _FEASIBILITY_HELP
 from casashell.app.feasibility_command import feasibility
 
@@ -84,13 +87,12 @@ def invert(
 ) -> None:
     """Solve, save, draw."""
     with command(debug):
-        _refuse_later_options(natural)
         scene = opt.SceneOptions(
             shell,
             tuple(obstacle or ()),
             tuple(plane or ()),
             *(pin, up, unit, gravity, tolerance, friction, density, stretch, bend),
-            *(method, step2, prefer),
+            *(method, step2, prefer, natural),
         )
         from casashell.app.invert import OutputOptions, run_invert
 
@@ -136,6 +138,10 @@ def check(
 
 
 app.command(help=_FEASIBILITY_HELP)(feasibility)
+app.command(help=_EXPORT_HELP)(export)
+
+
+app.command()(materials)
 
 
 @app.command()
@@ -171,12 +177,6 @@ def view(
 
         code = run_view(folder, print_only=print_only)
     raise typer.Exit(code)
-
-
-def _refuse_later_options(natural: str | None) -> None:
-    """Options of the interface that this version cannot honour."""
-    if natural not in (None, "mesh"):
-        raise CommandError(f"--natural {natural}: this version does not have it; available: mesh")
 
 
 def main() -> None:

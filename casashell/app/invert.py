@@ -79,6 +79,7 @@ def solve_scene(scene: Scene, reporter: Reporter) -> Result:
             scene.method,
             step2=scene.step2,
             prefer=scene.prefer,
+            natural=scene.natural,
             callback=callback,
         )
     return replace(result, contact_tolerance=scene.problem.tolerance)

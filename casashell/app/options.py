@@ -209,7 +209,19 @@ Prefer: TypeAlias = Annotated[
         show_default=False,
     ),
 ]
-Natural: TypeAlias = Annotated[str | None, typer.Option(hidden=True)]
+Natural: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="mesh|metric",
+        rich_help_panel=_SOLVER,
+        help=_text(
+            "metric: also rest lengths and angles (metric.npz), and those alone where the "
+            "material is too soft for a natural mesh; see casashell export.",
+            default="mesh",
+        ),
+        show_default=False,
+    ),
+]
 Out: TypeAlias = Annotated[
     Path | None,
     typer.Option(
@@ -273,6 +285,7 @@ class SceneOptions:
     method: str | None = None
     step2: str | None = None
     prefer: Path | None = None
+    natural: str | None = None
 
     def spec(self) -> SceneSpec:
         """The scene file with the options over it, or the options alone.
@@ -319,6 +332,8 @@ class SceneOptions:
             over["step2"] = values.parse_step2(self.step2, "--step2")
         if self.prefer is not None:
             over["prefer"] = self.prefer
+        if self.natural is not None:
+            over["natural"] = values.parse_natural(self.natural, "--natural")
         return over
 
     def _sources(self) -> list[ObstacleSource]:

@@ -76,6 +76,7 @@ class Scene:
     tolerance: float | None = None
     method: str = METHODS[0]
     step2: StepTwoMethod = "ipopt"
+    natural: str = "mesh"
     prefer: FloatArray | None = None
     up: str = "y"
     unit: float = 1.0
@@ -152,6 +153,7 @@ class SceneSpec:
     tolerance: float | None = None
     method: str = METHODS[0]
     step2: StepTwoMethod = "ipopt"
+    natural: str = "mesh"
     prefer: Path | None = None
     file: Path | None = None
 
@@ -198,6 +200,7 @@ class SceneSpec:
             tolerance=None if self.tolerance is None else self.tolerance * self.unit,
             method=self.method,
             step2=self.step2,
+            natural=self.natural,
             prefer=None
             if self.prefer is None
             else self._preferred(self.prefer, file.mesh, vertex_map),

@@ -5,6 +5,7 @@ Lengths are in the file's own unit, paths relative to the file; everything but t
     name = "hat"                    # for reports
     method = "auto"                 # auto, direct, two-step, nlp, free-pose
     step2 = "ipopt"                 # ipopt, bfgs: second step of two-step
+    natural = "mesh"                # mesh, metric: rest lengths and angles as well
     prefer = "flat.obj"             # natural shape to stay near: same faces, any place
     gravity = 9.81                  # m/s2 along -up, or a vector [0.0, -9.81, 0.0]
     tolerance = 0.039               # contact when signed distance < tolerance
@@ -44,6 +45,7 @@ from casashell.app.values import (
     parse_gravity,
     parse_material,
     parse_method,
+    parse_natural,
     parse_step2,
     parse_tolerance,
     parse_unit,
@@ -52,7 +54,7 @@ from casashell.app.values import (
 from casashell.io.toml_tables import Table, read_toml
 
 _TOP: Final = (
-    *("name", "method", "step2", "prefer", "gravity", "tolerance", "pinned"),
+    *("name", "method", "step2", "natural", "prefer", "gravity", "tolerance", "pinned"),
     *("shell", "material", "obstacle"),
 )
 
@@ -85,6 +87,8 @@ def read_scene(path: Path) -> SceneSpec:
         given["method"] = parse_method(top.text("method"), f"{path}: method")
     if "step2" in top:
         given["step2"] = parse_step2(top.text("step2"), f"{path}: step2")
+    if "natural" in top:
+        given["natural"] = parse_natural(top.text("natural"), f"{path}: natural")
     if "prefer" in top:
         given["prefer"] = folder / top.text("prefer")
     if "unit" in shell:

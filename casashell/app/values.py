@@ -17,6 +17,7 @@ from casashell.typing import FloatArray
 UNITS: Final = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 UP_VECTORS: Final = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 METHODS: Final = ("auto", "direct", "two-step", "nlp", "free-pose")
+NATURALS: Final = ("mesh", "metric")
 
 Gravity: TypeAlias = float | tuple[float, float, float]
 
@@ -129,6 +130,13 @@ def parse_step2(value: str, where: str) -> StepTwoMethod:
     if value not in known:
         raise ValueError(f"{where} must be ipopt or bfgs, got '{value}'")
     return known[value]
+
+
+def parse_natural(value: str, where: str) -> str:
+    """The kind of natural shape."""
+    if value not in NATURALS:
+        raise ValueError(f"{where} must be {' or '.join(NATURALS)}, got '{value}'")
+    return value
 
 
 def parse_up(value: str, where: str) -> str:

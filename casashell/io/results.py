@@ -1,6 +1,9 @@
 """A result as a folder of files, and back.
 
 natural.obj, pose.obj, target.obj  positions in the input's own unit, its faces and vertex order
+nearest.obj                        in place of natural.obj when the natural shape is a metric that no
+                                   mesh has: the mesh nearest to it, for pictures only
+metric.npz                         natural lengths, angles and areas in SI, when they were asked for
 result.json                        status, advice, certificate, quality, history
 result.npz                         arrays in SI, input axes
 scene.toml, obstacle-N.obj         enough to run again
@@ -25,6 +28,7 @@ from casashell.io.scene_file import TARGET_FILE, write_scene
 from casashell.io.staging import staged
 from casashell.io.toml_tables import read_toml
 from casashell.mesh import TriMesh
+from casashell.metric import Metric
 from casashell.result import Certificate, Quality, Result, Step
 from casashell.status import Status
 from casashell.typing import AnyArray, FloatArray, IntArray
@@ -33,7 +37,15 @@ PICTURES: Final = ("target", "forces", "natural", "compare", "stretch", "bending
 REPORT_FILE: Final = "report.html"
 _OWNED: Final = frozenset(
     {
-        *("natural.obj", "pose.obj", TARGET_FILE, "result.json", "result.npz", "metric.npz"),
+        *(
+            "natural.obj",
+            "nearest.obj",
+            "pose.obj",
+            TARGET_FILE,
+            "result.json",
+            "result.npz",
+            "metric.npz",
+        ),
         *("scene.toml", "vertex_map.txt", REPORT_FILE),
         *(f"{name}.png" for name in PICTURES),
     }
@@ -42,6 +54,9 @@ _MATERIAL: Final = (
     *("edges", "hinges", "stretch", "bend", "density", "gravity"),
     "vertex_friction",  # (V,), only where the shell has friction of its own
 )
+
+#: Arrays of metric.npz.
+METRIC_KEYS: Final = ("edges", "rest_length", "hinges", "rest_angle", "rest_area")
 
 _Record = TypeVar("_Record", Certificate, Quality, Step)
 
@@ -77,6 +92,9 @@ def save_result(
         _write_meshes(result, folder_now, unit)
         arrays: dict[str, Any] = dict(arrays_of(result))
         np.savez(folder_now / "result.npz", **arrays)
+        if result.metric is not None:
+            metric: dict[str, Any] = dict(metric_arrays(result.metric))
+            np.savez(folder_now / "metric.npz", **metric)
         write_scene(result, folder_now, unit=unit, name=name)
         if vertex_map is not None:
             _write_vertex_map(vertex_map, folder_now / "vertex_map.txt")
@@ -109,6 +127,7 @@ def record_of(result: Result, unit: float = 1.0) -> dict[str, Any]:
         "status": str(result.status),
         "advice": result.advice,
         "method": result.method,
+        "natural": result.natural,
         "seconds": result.seconds,
         "vertices": len(result.target.vertices),
         "contacts": len(result.contacts),
@@ -151,18 +170,32 @@ def arrays_of(result: Result) -> dict[str, AnyArray]:
     return arrays
 
 
+def metric_arrays(metric: Metric) -> dict[str, AnyArray]:
+    """What metric.npz holds."""
+    return {
+        "edges": _ints(metric.edges),
+        "rest_length": _floats(metric.rest_length),
+        "hinges": _ints(metric.hinges),
+        "rest_angle": _floats(metric.rest_angle),
+        "rest_area": _floats(metric.rest_area),
+    }
+
+
 def _write_meshes(result: Result, folder: Path, unit: float) -> None:
     from casashell.io.meshes import write_mesh
 
     label = f"status {result.status}"
     if not result.status.certified:
         label += ", not certified: a partial result"
-    for name, positions in (("natural", result.rest), ("pose", result.pose)):
+    natural = "natural" if result.natural == "mesh" else "nearest"
+    for name, positions in ((natural, result.rest), ("pose", result.pose)):
         if not np.isfinite(positions).all():
             continue  # a computation that broke down has no shape to show
         path = folder / f"{name}.obj"
         write_mesh(path, result.target, positions, unit=unit)
         text = path.read_text(encoding="utf-8")
+        if name == "nearest":
+            label += "; NOT the natural shape, which is metric.npz: only the mesh nearest to it"
         path.write_text(f"# casashell: {name} shape, {label}\n{text}", encoding="utf-8")
 
 
@@ -223,7 +256,19 @@ def _restored(folder: Path, record: Mapping[str, Any], arrays: Mapping[str, AnyA
         factorizations=record["factorizations"],
         timings=record["timings"],
         contact_tolerance=record["contact_tolerance"],
+        metric=_metric(folder, record.get("natural", "mesh")),
     )
+
+
+def _metric(folder: Path, natural: str) -> Metric | None:
+    """The metric saved beside a result, if one was."""
+    path = folder / "metric.npz"
+    if not path.is_file():
+        if natural == "metric":
+            raise ValueError("metric.npz is missing, which is the natural shape of this result")
+        return None
+    with np.load(path, allow_pickle=False) as file:
+        return Metric(**{key: file[key] for key in METRIC_KEYS}, embedded=natural == "mesh")
 
 
 def _scene(

@@ -44,6 +44,8 @@ def write_scene(
     up = up_axis(gravity)
     top: dict[str, Value] = {"name": name} if name else {}
     top |= {"method": result.method, "gravity": _gravity(gravity, up)}
+    if result.metric is not None:
+        top["natural"] = "metric"
     if result.contact_tolerance is not None:
         top["tolerance"] = in_units(result.contact_tolerance, unit)
     if len(result.pinned):

@@ -70,7 +70,7 @@ BAD_INPUT = {
     "negative bend": (["page.obj", "--bend", "-1"], "bend"),
     "unknown method": (["page.obj", "--method", "magic"], "auto, direct, two-step, nlp"),
     "unknown step2": (["page.obj", "--step2", "magic"], "ipopt or bfgs"),
-    "metric": (["page.obj", "--natural", "metric"], "mesh"),
+    "natural": (["page.obj", "--natural", "moebius"], "mesh or metric"),
     "unknown option": (["page.obj", "--metod", "direct"], "--metod"),
     "number expected": (["page.obj", "--gravity", "down"], "--gravity"),
     "loose vertex": (["loose.obj"], "--repair"),
