@@ -96,7 +96,9 @@ def material_range(
     if len(full) == len(found.pieces):
         for name in names:
             ways = [search(piece, name) for piece in found.pieces]
-            found.alone[name] = _weakest([w.run(h) for w, h in zip(ways, full, strict=True)])
+            found.alone[name] = _weakest(
+                [w.run(h, STIFFER[-1]) for w, h in zip(ways, full, strict=True)]
+            )
             found.stiffer[name] = min(_stiffer(w, h) for w, h in zip(ways, full, strict=True))
         touched = [(p, h) for p, h in zip(found.pieces, full) if len(p.contacts.vertices)]
         if touched:

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from casashell.engine.assembly import Assembly
 from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
-from casashell.inverse.load_path import TIGHT, LoadPath, PathPoint, Report
+from casashell.inverse.load_path import BUDGET, TIGHT, LoadPath, PathPoint, Report
 from casashell.inverse.outcome import BALANCED, ROUNDING_OF_CONES, judged, pushing
 from casashell.inverse.piece import Piece
 from casashell.inverse.stability import NEUTRAL, free_dofs, lowest_eigenpairs
@@ -24,9 +24,9 @@ from casashell.inverse.stress import StressProgram
 from casashell.typing import FloatArray
 
 #: Loads tried first, until one works: 1 is the material as given.
-STARTS = tuple(8.0**-k for k in range(9))
-#: Two loads closer than this ratio are the same answer.
-RESOLUTION = 1.05
+STARTS = tuple(8.0**-k for k in range(5))
+#: Steps of the load by a smaller ratio than this are not tried: the end lies within its square.
+RESOLUTION = 1.04
 CEILING = 1e3
 _FIRST, _LONGEST, _REBALANCES = 1.3, 2.0, 2
 
@@ -65,11 +65,17 @@ class SoftestSearch:
     """Climbs the load path of one piece; ``best`` is kept up to date for an interrupt.
 
     softened  names of the elastic terms that become softer; all of them by default
+    budget    factorisations after which no new load is tried
     Raises ValueError for a name that no elastic term has.
     """
 
     def __init__(
-        self, piece: Piece, report: Report, softened: frozenset[str] | None = None
+        self,
+        piece: Piece,
+        report: Report,
+        softened: frozenset[str] | None = None,
+        *,
+        budget: int = BUDGET,
     ) -> None:
         elastic = {term.name for term in piece.energies if not term.load}
         wrong = (softened or frozenset()) - elastic
@@ -80,7 +86,13 @@ class SoftestSearch:
         self.softened = elastic if softened is None else set(softened)
         self.piece = piece
         self.path = LoadPath(self._scaled_with_the_load(), report)
+        self.budget = budget
         self.best = Softest(0.0, None, "stopped")
+
+    @property
+    def spent(self) -> bool:
+        """Whether the factorisations have been used up."""
+        return self.path.factorizations >= self.budget
 
     def _scaled_with_the_load(self) -> Piece:
         """The piece with every term that does not soften counted among the loads."""
@@ -139,6 +151,8 @@ class SoftestSearch:
     def first(self, forces: FloatArray, loads: Iterable[float]) -> Held | None:
         """The first of ``loads`` that works with contact forces (C,3) [N], from the rigid limit."""
         for load in loads:
+            if self.spent:
+                break
             held, _ = self.at(self.rigid(forces), load)
             if held is not None:
                 return held
@@ -185,7 +199,7 @@ class SoftestSearch:
         self._keep(Softest(held.load, None, "stopped", held))
         before: Held | None = None
         growth, failed, reason = _FIRST, None, ""
-        while held.load < ceiling and growth > RESOLUTION:
+        while held.load < ceiling and growth > RESOLUTION and not self.spent:
             load = min(held.load * growth, ceiling)
             if failed is not None and load >= failed and reason != "no equilibrium":
                 growth **= 0.5  # known to be bad; a path that Newton lost may come back
@@ -200,6 +214,8 @@ class SoftestSearch:
             self._keep(Softest(held.load, beyond, "stopped", held))
         if held.load >= ceiling:
             failed, reason = None, "tested no further"
+        elif self.spent and growth > RESOLUTION:
+            reason = "stopped"
         self._keep(Softest(held.load, failed, reason, held))
 
     def _keep(self, found: Softest) -> None:
@@ -215,7 +231,9 @@ class SoftestSearch:
             correction = correction + along * (correction - before.point.correction)
         forces = held.forces
         for _ in range(1 + _REBALANCES):
-            point = self.path.newton(guess, correction, self.piece.spread(forces), load, TIGHT)
+            point = self.path.newton(
+                guess, correction, self.piece.spread(forces), load, TIGHT * min(load, 1.0)
+            )
             if point is None or point.residual > BALANCED * load:
                 return None, "no equilibrium"
             outcome = judged(self.path.piece, point.rest, forces, "softest", load=load)
