@@ -119,14 +119,28 @@ def solve(
                 "against sliding along the obstacle is not part of the certificate"
             )
         for piece in run.pieces:
-            run.solvers.append(choice.solver(piece, run.report))
-            outcome = run.solvers[-1].run()
-            if run.mode is not None and not outcome.good and outcome.obstruction is None:
-                run.mode.solve(len(run.solvers) - 1, piece, run.report)
+            _solve_piece(run, piece, choice)
         run.clock("solve", begin)
     except KeyboardInterrupt:
         run.interrupted = True
     return _finish(run)
+
+
+def _solve_piece(run: _Run, piece: Piece, choice: Choice) -> None:
+    """Natural mesh of a piece, or its metric when that is wanted and there is no mesh.
+
+    A metric that holds the target itself comes before "auto" looks for a pose near by.
+    """
+    first = choice
+    if run.mode is not None and choice.method == "auto":
+        first = replace(choice, method="direct")
+    run.solvers.append(first.solver(piece, run.report))
+    outcome = run.solvers[-1].run()
+    if run.mode is None or outcome.good or outcome.obstruction is not None:
+        return
+    if not run.mode.solve(len(run.solvers) - 1, piece, run.report) and first is not choice:
+        run.solvers[-1] = choice.solver(piece, run.report)
+        run.solvers[-1].run()
 
 
 def _preferred(problem: Problem, prefer: ArrayLike | None) -> FloatArray | None:

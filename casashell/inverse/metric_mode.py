@@ -40,8 +40,8 @@ class MetricMode:
     def __post_init__(self) -> None:
         require_forms(self.problem.energies)
 
-    def solve(self, number: int, piece: Piece, report: Report) -> None:
-        """Look for the metric of a piece that has no natural mesh."""
+    def solve(self, number: int, piece: Piece, report: Report) -> bool:
+        """Look for the metric of a piece that has no natural mesh; whether one was found."""
         solver = MetricSolver(piece, self.problem.target, report)
         outcome = solver.run()
         self.rounds += solver.rounds
@@ -49,6 +49,7 @@ class MetricMode:
         if outcome is not None:
             shape = nearest_mesh(solver.state, outcome.metric) + piece.origin
             self.found[number] = (outcome, shape)
+        return outcome is not None
 
     def applied(
         self, pieces: list[Piece], rest: FloatArray, pose: FloatArray, forces: FloatArray

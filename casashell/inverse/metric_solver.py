@@ -68,7 +68,7 @@ class MetricSolver:
         self.dofs = free_dofs(piece, active)
         free = np.zeros(len(piece.target), dtype=bool)
         free[self.dofs // 3] = True
-        places = [np.flatnonzero(free)[:, None], *(t.stencils for t in self.state.terms)]
+        places = [np.flatnonzero(free)[:, None], piece.edges]
         self.places = [_coordinates(place[free[place].all(axis=1)]) for place in places]
         self.chosen = [np.zeros(len(place), dtype=bool) for place in self.places]
         self.directions: list[FloatArray] = []

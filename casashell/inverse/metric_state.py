@@ -149,13 +149,11 @@ class MetricState:
         trial, positive = numbers.copy(), self.kinds[at] == 2
         trial[:, 0] = self.measures[at]
         for _ in range(_INVERSION_STEPS):
-            tau, c, slope, _ = self._slopes(at, trial)
+            tau, _, slope, _ = self._slopes(at, trial)
             step = (wanted - tau) / slope
             old = trial[:, 0].copy()
             trial[:, 0] = old * np.exp(np.clip(step / old, -2.0, 2.0)) if positive else old + step
-            if np.all(np.abs(step) <= 1e-15 * np.abs(old) + 1e-300):
-                break
-            if np.all(np.abs(wanted - tau) <= 1e-15 * np.abs(c * self.measures[at])):
+            if np.all(np.abs(step) <= 1e-13 * (np.abs(old) + (0.0 if positive else 1.0))):
                 break
         return np.asarray(trial[:, 0])
 
