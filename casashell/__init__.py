@@ -22,6 +22,7 @@ from casashell.status import Status
 
 if TYPE_CHECKING:
     from casashell.inverse.feasibility import Feasibility, Verdict, feasibility
+    from casashell.inverse.material_range import MaterialRange, material_range
 
 __version__ = "0.1.0"
 
@@ -34,6 +35,7 @@ __all__ = [
     "Energy",
     "Feasibility",
     "Finding",
+    "MaterialRange",
     "MeshError",
     "MeshObstacle",
     "NotConverged",
@@ -51,6 +53,7 @@ __all__ = [
     "codegen",
     "feasibility",
     "inspect_mesh",
+    "material_range",
     "read_mesh",
     "repaired",
     "solve",
@@ -59,7 +62,10 @@ __all__ = [
 ]
 
 #: Names that are loaded when asked for, and where from.
-_LATER = dict.fromkeys(("Feasibility", "Verdict", "feasibility"), "casashell.inverse.feasibility")
+_LATER = {
+    **dict.fromkeys(("Feasibility", "Verdict", "feasibility"), "casashell.inverse.feasibility"),
+    **dict.fromkeys(("MaterialRange", "material_range"), "casashell.inverse.material_range"),
+}
 
 
 def __getattr__(name: str) -> Any:

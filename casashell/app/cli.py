@@ -13,9 +13,9 @@ from casashell.app import options as opt
 from casashell.app.export_command import HELP as _EXPORT_HELP
 from casashell.app.export_command import export
 from casashell.app.failures import command
-from casashell.app.materials_command import materials
 from casashell.app.feasibility_command import HELP as _FEASIBILITY_HELP
 from casashell.app.feasibility_command import feasibility
+from casashell.app.materials_command import materials
 
 _HELP = (
     "Natural shapes of elastic shells in frictional contact.\n\n"

@@ -30,7 +30,7 @@ from formulations.calibration import Calibration, calibrate
 #: A material guessed to be within this share of holding is given forces of its own as well.
 _NEAR = 0.2
 #: Factorisations one named material may take.
-_BUDGET = 40
+_BUDGET = 20
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Verdict:
 
     factor  as in `Softest`, not taken beyond 1; below 1, 1 / factor times stiffer (or lighter) was solved
     failed, reason  as in `Softest`
-    status  SOLVED with a certificate of its own, TOO_SOFT, or what the certificate says
+    status  SOLVED with a certificate of its own, TOO_SOFT, ITERATION_LIMIT when nothing was solved however
+            stiff, or what the certificate says
     """
 
     sheet: Sheet
@@ -134,7 +135,7 @@ def judge(scene: Scene, sheet: Sheet, found: Findings, progress: Progress | None
             rest[piece.vertices] = outcome.rest + piece.origin
             forces[np.isin(problem.contacts.vertices, piece.vertices)] = outcome.contact_forces
     worst = min(results, key=lambda one: one.factor)
-    status = Status.TOO_SOFT
+    status = Status.TOO_SOFT if worst.factor > 0.0 else Status.ITERATION_LIMIT
     if worst.factor >= 1.0:
         mean_edge = float(problem.target.mean_edge_length)
         certificate, _ = certify(

@@ -115,8 +115,8 @@ def _verdict(each: Verdict, least: float | None) -> str:
             return f"{each.status}; slides on skin below {least:.2g} (it has {low:g} to {high:g})"
         return str(each.status)
     if each.factor <= 0.0:
-        tried = f", up to {1.0 / each.failed:.2g} times as stiff" if each.failed else ""
-        return f"{each.status}: {_ENDS.get(each.reason, each.reason)}{tried}"
+        tried = f", down to {each.failed:.1g} of the load" if each.failed else ""
+        return f"undecided: nothing was solved{tried}"
     return f"{each.status}: solved when {1 / each.factor:.2g} times as stiff for its weight"
 
 
