@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
+from casashell.inverse.load_path import rounding_of
 from casashell.inverse.outcome import Outcome
 from casashell.inverse.piece import Piece
 from casashell.inverse.stability import NEUTRAL
@@ -80,11 +81,29 @@ def explain(status: Status, problem: Problem, piece: Piece | None, outcome: Outc
             "(casashell check) and for material values of very different size."
         )
     if piece is None or outcome is None:
-        return "The solve did not reach an equilibrium: raise stretch and bend, or lower density."
+        return (
+            "The solver found an equilibrium, but rounding keeps the certificate from confirming it: "
+            "move the scene nearer to the origin, and look for bad or folded-over triangles "
+            "(casashell check)."
+        )
     where = _where(problem, piece)
     if outcome.rung in ("start", "nlp with slack"):
         return where + _unsupported(piece, proved=status is Status.INFEASIBLE)
-    return where + _unfinished(status, piece, outcome)
+    return where + (_drowned(status, piece, outcome) or _unfinished(status, piece, outcome))
+
+
+def _drowned(status: Status, piece: Piece, outcome: Outcome) -> str | None:
+    """Advice for a weight that rounding of the elastic forces hides; None when that is not it."""
+    hidden = rounding_of(piece)
+    if hidden <= 0.1 * FREE_FORCE or status is Status.INFEASIBLE or outcome.missing > hidden:
+        return None
+    if status in (Status.UNSTABLE, Status.CONE_VIOLATED) and hidden <= 1.0:
+        return None
+    return (
+        f"The shell is so stiff for its weight that rounding alone makes forces of up to {hidden:.0e} "
+        "of a nodal weight: lower stretch and bend, raise density, and look for bad triangles and "
+        "wrong units (casashell check)."
+    )
 
 
 def _where(problem: Problem, piece: Piece) -> str:
@@ -121,7 +140,7 @@ def _unfinished(status: Status, piece: Piece, outcome: Outcome) -> str:
     if status is Status.INFEASIBLE:
         return (
             "No natural shape, stiffness or density can hold this target: it turns about what holds "
-            "it, and all of its weight pushes the same way. Pin more vertices or let more vertices "
+            "it, and all of its weight pushes the same way: pin more vertices or let more vertices "
             "touch (tolerance)."
         )
     if status is Status.UNSTABLE:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -83,6 +84,11 @@ class LoadPath:
         self.factorizations += 1
         return self._solver
 
+    @cached_property
+    def rounding(self) -> float:
+        """`rounding_of` the piece."""
+        return rounding_of(self.piece)
+
     def newton(
         self, rest: FloatArray, correction: FloatArray, forces: FloatArray, load: float, goal: float
     ) -> PathPoint | None:
@@ -126,7 +132,9 @@ class LoadPath:
                 return None
             rest = rest + damping * moved
             correction = correction + damping * self._scale * step[size:]
-        return best if best is not None and best.residual <= max(goal, ROUNDING) else None
+        if best is None or best.residual <= max(goal, ROUNDING):
+            return best
+        return best if best.residual <= self.rounding else None
 
     def follow(self, forces: FloatArray, start: PathPoint | None = None) -> PathPoint:
         """Raise the load to 1 with forces (n,3) [N] at the contacts; the furthest point reached."""
@@ -172,6 +180,19 @@ def _border(piece: Piece) -> FloatArray:
     rank = int(np.sum(size > 1e-6 * np.linalg.norm(modes, axis=0).max())) if mask.any() else 0
     loose = np.linalg.qr(modes @ vh[rank:].T)[0] if rank < modes.shape[1] else modes[:, :0]
     return np.hstack([u[:, :rank], loose])
+
+
+def rounding_of(piece: Piece) -> float:
+    """Forces / f0 that rounding of the coordinates makes at most, by the stiffness at rest.
+
+    Above the threshold of a certificate the weight is too small against the stiffness for any proof
+    in double precision.
+    """
+    target = piece.target
+    _, entries = piece.assembly.hessian(target, target, 0.0)
+    stiffness = abs(piece.assembly.pattern.matrix(entries))
+    worst = np.asarray(stiffness @ np.abs(target).ravel())
+    return float(np.finfo(np.float64).eps * worst.max(initial=0.0)) / piece.f0
 
 
 def unsupported(piece: Piece) -> int:
