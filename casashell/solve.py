@@ -204,9 +204,7 @@ def _finish(run: _Run) -> Result:
         metric = None if run.mode is None else run.mode.metric(run.pieces, rest)
         certificate, forces = _certificate(run, rest, pose, contact_forces, metric)
     begin = run.clock("certificate", begin)
-    quality = assess(problem.target, rest)
-    if metric is not None and not metric.embedded:
-        quality = metric_quality(problem.target, metric, quality)
+    quality = metric_quality(problem.target, metric, assess(problem.target, rest))
     run.clock("quality", begin)
     status, advice = _verdict(run, certificate, outcomes)
     material: dict[str, AnyArray] = {}

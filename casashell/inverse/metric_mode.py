@@ -23,6 +23,10 @@ METRIC_ONLY: Final = (
     "The target is a stable frictional equilibrium of these natural lengths and angles (metric.npz); "
     "no natural mesh was found that has them, so a simulator has to take the numbers."
 )
+_NEAREST: Final = (
+    "the natural shape is a metric that no mesh was found for: pictures and nearest.obj show the "
+    "mesh nearest to it"
+)
 
 
 @dataclass
@@ -49,6 +53,7 @@ class MetricMode:
         if outcome is not None:
             shape = nearest_mesh(solver.state, outcome.metric) + piece.origin
             self.found[number] = (outcome, shape)
+            self.notes.append(_NEAREST)
         return outcome is not None
 
     def applied(
@@ -95,13 +100,18 @@ class MetricMode:
         )
 
 
-def metric_quality(target: TriMesh, metric: Metric, nearest: Quality) -> Quality:
-    """Quality of a metric: its own lengths, angles and corners; the rest is of the nearest mesh."""
+def metric_quality(target: TriMesh, metric: Metric | None, mesh: Quality) -> Quality:
+    """Quality of a natural shape: of its mesh, or of a metric that no mesh has.
+
+    Then lengths, angles and corners are its own, and the rest is of the mesh nearest to it.
+    """
+    if metric is None or metric.embedded:
+        return mesh
     start = Metric.of(target, target.vertices)
     stretch = np.abs(metric.rest_length / start.rest_length - 1.0)
     fold = np.abs(metric.rest_angle - start.rest_angle)
     return replace(
-        nearest,
+        mesh,
         max_stretch=float(stretch.max(initial=0.0)),
         max_rest_fold=float(fold.max(initial=0.0)),
         min_rest_angle=float(metric.corner_angles(target).min()),

@@ -32,6 +32,11 @@ def export(result: Result, kind: str, folder: Path) -> tuple[str, ...]:
     if kind not in EXPORTS:
         raise ValueError(f"no export '{kind}'; available: {', '.join(EXPORTS)}")
     metric = metric_of(result)
+    if kind in _NEED_A_MESH and not metric.embedded:
+        raise ValueError(
+            f"{kind} takes its rest lengths from a mesh, and no mesh has the natural lengths and "
+            "angles of this result: use newton, vellum or npz, or a stiffer material"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     return EXPORTS[kind](result, metric, folder)
 
@@ -128,11 +133,6 @@ def _blender(result: Result, metric: Metric, folder: Path) -> tuple[str, ...]:
     """Pose and natural mesh with the same vertices, and a script that makes the rest shape key."""
     from casashell.io.meshes import write_mesh
 
-    if not metric.embedded:
-        raise ValueError(
-            "Blender takes its rest lengths from a mesh, and no mesh has the natural lengths and "
-            "angles of this result: use newton, vellum or npz, or a stiffer material"
-        )
     _write_pose(result, folder)
     write_mesh(folder / "rest.obj", result.target, result.rest)
     (folder / "load_blender.py").write_text(BLENDER_SCRIPT, encoding="utf-8")
@@ -167,6 +167,7 @@ def _save(path: Path, arrays: Mapping[str, AnyArray]) -> None:
     np.savez(path, **plain)
 
 
+_NEED_A_MESH: Final = ("blender",)
 #: Writers by the name of the simulator.
 EXPORTS: Final[Mapping[str, Writer]] = {
     "newton": _newton,
