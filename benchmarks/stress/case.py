@@ -128,7 +128,7 @@ def run(family: str, case: Case) -> Row:
     return row(str(result.status), told, seconds, faults, result.advice)
 
 
-def within(limit: float, problem: Problem, method: str = "auto") -> Result:
+def within(limit: float, problem: Problem, method: str = "direct") -> Result:
     """Solve; after ``limit`` seconds as if the user had interrupted.  Main thread, POSIX."""
 
     def stop(number: int, frame: FrameType | None) -> None:

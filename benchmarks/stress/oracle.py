@@ -32,8 +32,10 @@ ANYTHING = SOFT | {S.INFEASIBLE, S.NONFINITE}
 
 #: Strain of an edge and turn of a hinge [rad] that linear theory is trusted with.
 SMALL_STRAIN, SMALL_TURN = 1e-2, 3e-2
-#: Friction cones are narrowed, and contacts made to push, by this much before success is promised.
+#: Friction cones are narrowed, and contacts made to push, by this much (in nodal
+#: weights) before success is promised: a support that just so balances has contacts without force.
 COMFORT = 0.85
+PUSH = 0.02
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ def expected(problem: Problem) -> Expected:
         return Expected(SOFT, "held vertices leave a soft or free motion")
     if stiff and ratio > 0.3 and _comfortable(problem):
         return Expected(CERTIFIED, "stiff, and forces well inside the cones balance the weight")
+    if stiff:
+        return Expected(SOFT | {S.INFEASIBLE}, "a support that only just balances, or frictionless")
     return Expected(SOFT | {S.INFEASIBLE}, f"strain {strain:.0e}, turn {turn:.0e}: no theorem")
 
 
@@ -85,7 +89,7 @@ def _comfortable(problem: Problem) -> bool:
         return True
     if (contacts.friction == 0.0).any():
         return False
-    return balances(_narrowed(problem), outer=False)
+    return balances(_narrowed(problem), outer=False, push=PUSH)
 
 
 class _Narrowed:

@@ -96,7 +96,7 @@ def setup(seed: int) -> Setup:
         made = replace(made, pinned=tuple(sorted({*made.pinned, *(int(p) for p in pins)})))
     if rng.uniform() < 0.3:  # the pose is turned against gravity, obstacles with it
         axis = rng.standard_normal(3)
-        turn = rotation_about(axis / np.linalg.norm(axis), float(rng.normal(0.0, 0.3)))
+        turn = rotation_about(tuple(axis / np.linalg.norm(axis)), float(rng.normal(0.0, 0.3)))
         down = turn @ np.asarray(made.gravity)
         made = replace(made, gravity=(float(down[0]), float(down[1]), float(down[2])))
     if rng.uniform() < 0.3:

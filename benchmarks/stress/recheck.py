@@ -141,11 +141,12 @@ def turning(
     return found
 
 
-def balances(problem: Problem, *, outer: bool, masses: str = "target") -> bool:
+def balances(problem: Problem, *, outer: bool, masses: str = "target", push: float = 0.0) -> bool:
     """Whether contact forces in polygonal cones can balance the weight for free rigid motions.
 
     outer    polygons around the circles of Coulomb's cones, otherwise inside them
     masses   "target": those of the target; "any": any positive mass per vertex
+    push     normal force that every contact exerts at least, in nodal weights
     """
     shell, contacts = Shell.of(problem), problem.contacts
     points = problem.target.vertices
@@ -153,7 +154,9 @@ def balances(problem: Problem, *, outer: bool, masses: str = "target") -> bool:
     pinned[np.asarray(problem.pinned)] = True
     labels = parts(shell, len(points))
     return all(
-        _part_balances(shell, contacts, points, labels == label, pinned, outer, masses == "any")
+        _part_balances(
+            shell, contacts, points, labels == label, pinned, outer, masses == "any", push
+        )
         for label in range(labels.max() + 1)
     )
 
@@ -166,6 +169,7 @@ def _part_balances(
     pinned: BoolArray,
     outer: bool,
     any_mass: bool,
+    push: float,
 ) -> bool:
     weight = shell.weights(points)
     size = float(np.abs(weight).max())
@@ -183,7 +187,10 @@ def _part_balances(
             columns.append(_wrench((points[where] - centre) / reach, force))
     loose = np.flatnonzero(mine)
     loads = _wrench((points[loose] - centre) / reach, weight[loose] / size)
-    target = -loads.sum(axis=1)
+    pushed = _wrench(
+        (points[contacts.vertices[here]] - centre) / reach, push * contacts.normals[here]
+    )
+    target = -loads.sum(axis=1) - pushed.sum(axis=1)
     matrix = np.concatenate(columns, axis=1)
     if any_mass:  # one more factor >= 0 on top of every nodal weight; scale leaves it without bound
         matrix = np.concatenate([matrix, loads], axis=1)
