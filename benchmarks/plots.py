@@ -67,7 +67,11 @@ def draw(figure: Figure, runs: Mapping[tuple[str, str], Run | None], folder: Pat
         _panel(panel, figure, scene, runs)
     for panel in panels[len(scenes) :]:
         panel.axis("off")
-    failed = any(run is not None and not run.numbers["certified"] for run in runs.values())
+    failed = any(
+        run is not None and not run.numbers["certified"]
+        for (scene, way), run in runs.items()
+        if scene in scenes and way in COLOURS
+    )
     _legend(panels[len(scenes)], figure, failed)
     for panel in panels[max(0, len(scenes) - columns) : len(scenes)]:
         panel.tick_params(labelbottom=True)

@@ -19,8 +19,10 @@ from benchmarks.table2_runs import SOFTER, WAYS, Run, Runs, scene_names
 from benchmarks.table2_text import COMPARED, methods, paper_preset, paper_table, shapes, softer
 from benchmarks.timing import Goal, scratch
 
-#: Seconds that an inversion may take; with the paper's own schedule and stopping rules.
-LIMIT, PAPER_LIMIT = 300.0, 600.0
+#: Seconds that an inversion may take; of a softer scene; by the paper's own schedule.
+LIMIT, SOFT_LIMIT, PAPER_LIMIT = 300.0, 60.0, 600.0
+#: Seconds above which a run is not repeated.
+AGAIN: Final = 60.0
 #: The only scene on which the paper's preset is run.
 PAPER_SCENE: Final = "synthetic-skirt"
 TWO_STEP: Final = ("two-step ipopt", "two-step bfgs")
@@ -45,13 +47,30 @@ def collect(folder: Path) -> Runs:
     found: Runs = {}
     for scene, way in wanted():
         file = folder / f"{scene}_{way}.npz".replace(",", "").replace(" ", "-")
-        limit = LIMIT if WAYS[way].preset == "scaled" else PAPER_LIMIT
         known = file.is_file()
-        run = Run.load(file) if known else table2_runs.run(scene, way, limit, file)
+        if known:
+            run: Run | None = Run.load(file)
+        elif scene in SOFTER:  # how it ends is what counts
+            run = table2_runs.run(scene, way, SOFT_LIMIT, file)
+        else:
+            limit = LIMIT if WAYS[way].preset == "scaled" else PAPER_LIMIT
+            run = best_of_two(scene, way, limit, file)
         found[scene, way] = run
         took = "killed" if run is None else f"{run.numbers['seconds']:.2f} s"
         print(f"{scene}, {way}: {took}{' (kept)' if known else ''}", flush=True)
     return found
+
+
+def best_of_two(scene: str, way: str, limit: float, file: Path) -> Run | None:
+    """The faster of two runs; one when that is slow.  Both do the same, bit for bit."""
+    first = table2_runs.run(scene, way, limit, file)
+    if first is None or not first.finished or first.numbers["seconds"] > AGAIN:
+        return first
+    second = table2_runs.run(scene, way, limit, file)
+    if second is not None and second.numbers["seconds"] < first.numbers["seconds"]:
+        return second
+    first.save(file)
+    return first
 
 
 def goals(runs: Runs) -> list[Goal]:
@@ -84,9 +103,11 @@ def report(runs: Runs, met: Sequence[Goal]) -> str:
             "# Table 2 of Ly 2018, measured",
             "",
             f"`python -m benchmarks table2` on {platform.machine()}, {os.cpu_count()} cores, Python "
-            f"{platform.python_version()}; one process a run, kernels compiled before. Load when the "
-            f"runs began (theirs included): {min(loads):.1f} to {max(loads):.1f}. "
-            f"Limit {LIMIT:.0f} s a run. Best quoted by ratio: the machine is shared.",
+            f"{platform.python_version()}; one process a run, kernels compiled before, the faster of two "
+            f"runs below {AGAIN:.0f} s (softer scenes once), {LIMIT:.0f} s at the most. The machine is "
+            "shared; load average when the "
+            f"runs began, their own predecessors included: {min(loads):.1f} to "
+            f"{max(loads):.1f}.",
             "",
             paper_table(runs, TWO_STEP),
             "",
@@ -98,7 +119,7 @@ def report(runs: Runs, met: Sequence[Goal]) -> str:
             "",
             "## Softer and softer",
             "",
-            softer(runs),
+            softer(runs, SOFT_LIMIT),
             "",
             "## The paper's schedule and stopping rules",
             "",

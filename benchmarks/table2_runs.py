@@ -31,8 +31,11 @@ GARMENTS: Final = {"hat_on_sphere": (0.1, 0.039), "skirt_8panel_smpl": (1.0, 0.0
 #: Scenes with another material: which scene, and by what its stretch and bend are divided.
 SOFTER: Final = {
     f"{scene}, {factor} x softer": (scene, factor)
-    for scene in ("synthetic-skirt", "skirt_8panel_smpl")
-    for factor in (3, 10, 30)
+    for scene, factor in (
+        ("synthetic-skirt", 3),
+        ("skirt_8panel_smpl", 3),
+        ("skirt_8panel_smpl", 10),
+    )
 }
 
 

@@ -140,19 +140,21 @@ def shapes(runs: Runs) -> str:
     )
 
 
-def softer(runs: Runs) -> str:
+def softer(runs: Runs, limit: float) -> str:
     """What becomes of every method as stretch and bend are divided by more and more."""
     ways = [*COMPARED, "free-pose"]
     lines = ["| scene | " + " | ".join(ways) + " |", "|" + "---|" * (len(ways) + 1)]
     for scene in SOFTER:
         if not any(name == scene for name, _ in runs):
             continue
-        cells = [_ending(runs.get((scene, way))) for way in ways]
+        cells = [
+            _ending(runs[scene, way]) if (scene, way) in runs else "not measured" for way in ways
+        ]
         lines.append(f"| {scene} | " + " | ".join(cells) + " |")
     return "\n".join(
         [
-            "Stretch and bend divided by the same number; status, seconds, and how far the pose is from "
-            "the target in sizes of the bounding box where that is more than rounding.",
+            f"Stretch and bend divided by the same number, {limit:.0f} s at the most. Status, seconds, and "
+            "how far the pose is from the target, in bounding boxes, where that is more than rounding.",
             "",
             *lines,
         ]
