@@ -15,7 +15,7 @@ from casashell.inverse.metric_mode import METRIC_ONLY, NATURALS, MetricMode, met
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
-from casashell.metric import Metric, with_metric
+from casashell.metric import Metric, laid_out, with_metric
 from casashell.problem import Problem
 from casashell.result import Certificate, Result, Step
 from casashell.status import Status
@@ -251,7 +251,7 @@ def _certificate(
     problem = run.problem
     energies = problem.energies
     if metric is not None and not metric.embedded:
-        energies = with_metric(energies, problem.target, metric)
+        energies = with_metric(energies, problem.target, laid_out(problem.target, metric))
     return certify(
         energies,
         problem.target.vertices,

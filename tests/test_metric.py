@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from plain_shell import PlainShell
 from casashell.engine.assembly import Assembly
 from casashell.engine.energy import Energy
 from casashell.inverse.certificate import total_energy, total_forces
-from casashell.metric import Metric, MetricIndex, heron, thinness, with_metric
+from casashell.metric import Metric, MetricIndex, heron, laid_out, thinness, with_metric
 from formulations import discrete_shell, proximity
 
 
@@ -30,6 +32,19 @@ def test_the_metric_of_a_mesh_gives_back_its_areas_and_corners() -> None:
         heron(metric.rest_length[MetricIndex(mesh).sides]), mesh.face_areas, rtol=1e-12
     )
     np.testing.assert_allclose(metric.corner_angles(mesh), mesh.face_angles, rtol=1e-10)
+
+
+def test_areas_laid_out_in_the_plane() -> None:
+    """The mesh's own areas whatever the metric says, and NaN where there is no triangle."""
+    mesh = cap(2, 0.2, 1.3)
+    metric = Metric.of(mesh, mesh.vertices)
+    lengths = metric.rest_length.copy()
+    wrong = replace(metric, rest_area=np.zeros(len(mesh.faces)))
+    np.testing.assert_allclose(laid_out(mesh, wrong).rest_area, mesh.face_areas, rtol=1e-12)
+    lengths[0] *= 3.0
+    broken = laid_out(mesh, replace(metric, rest_length=lengths))
+    around = (MetricIndex(mesh).sides == 0).any(axis=1)
+    np.testing.assert_array_equal(np.isnan(broken.rest_area), around)
 
 
 @pytest.mark.parametrize("interpreted", [True, False])

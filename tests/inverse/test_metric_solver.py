@@ -11,6 +11,7 @@ from meshes import cap
 from plain_shell import PlainShell, dihedral
 from small_scenes import HEAD, assert_certified, clamped_page, hat_on_ball
 
+from casashell.inverse.certificate import certify
 from casashell.inverse.forces import SHRINKS
 from casashell.inverse.metric_cuts import StiffnessMap
 from casashell.inverse.metric_fit import nearest_mesh
@@ -20,7 +21,7 @@ from casashell.inverse.metric_solver import MetricSolver
 from casashell.inverse.metric_state import MetricState, area_slopes
 from casashell.inverse.piece import split
 from casashell.inverse.stress import StressProgram
-from casashell.metric import Metric, heron
+from casashell.metric import Metric, heron, with_metric
 from casashell.problem import Problem
 from casashell.result import Result
 from casashell.solve import solve
@@ -92,6 +93,22 @@ def test_the_forces_of_the_metric_by_plain_loops(soft: Result) -> None:
     problem = soft_hat()
     forces = _plain_forces(problem, PlainShell(problem.target, bend=5e-5), soft.metric)
     np.testing.assert_allclose(forces, soft.forces, atol=1e-6 * soft.certificate.f0)
+
+
+@pytest.mark.parametrize("what", ["rest_length", "rest_angle"])
+def test_the_certificate_sees_a_metric_that_is_a_little_wrong(soft: Result, what: str) -> None:
+    """One number off by a thousandth: out of balance by much more than the threshold."""
+    assert soft.metric is not None
+    numbers = getattr(soft.metric, what).copy()
+    numbers[7] *= 1.001
+    problem = soft_hat()
+    terms = with_metric(problem.energies, soft.target, replace(soft.metric, **{what: numbers}))
+    x = soft.target.vertices
+    certificate, _ = certify(
+        terms, x, x, x, soft.contacts, soft.contact_forces, soft.pinned, soft.certificate.h
+    )
+    assert certificate.free_force is not None
+    assert certificate.free_force > 1e-5
 
 
 def test_no_mesh_near_by_has_these_numbers(soft: Result) -> None:
