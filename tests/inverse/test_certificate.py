@@ -19,8 +19,10 @@ from casashell.inverse.certificate import (
     stiffness_matrix,
     total_forces,
 )
+from casashell.mesh import TriMesh
 from casashell.result import Certificate
 from casashell.typing import FloatArray, IntArray
+from formulations import hinge_bending
 
 FLAT = grid(3, 2)
 REST = jittered(rolled(FLAT, 0.1, 0.3), 0.004, seed=1).vertices
@@ -219,3 +221,18 @@ def test_term_without_numpy_form_is_said_to_be_evaluated_by_casadi() -> None:
     assert forces == pytest.approx(total_forces(TERMS, POSE.vertices, REST), rel=1e-10, abs=1e-12)
     plain = _certify(_contacts([], []), empty)
     assert found.min_eigenvalue == pytest.approx(plain.min_eigenvalue, rel=1e-6)
+
+
+@pytest.mark.parametrize("short", [1e-7, 1e-6, 1e-5])
+def test_stiffness_of_a_hinge_about_to_fold_over(short: float) -> None:
+    """The angle jumps from pi to -pi within the step of the differences, on one side only."""
+    turn = np.pi - short
+    mesh = TriMesh(
+        [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0.1 * np.cos(turn), 0.1 * np.sin(turn)]],
+        [[0, 1, 2], [1, 0, 3]],
+    )
+    terms, x = (hinge_bending(mesh, 1e-3),), mesh.vertices
+    plain = stiffness_matrix(terms, x, x, 0.1).toarray()
+    exact = Assembly(terms, 4)
+    full = exact.pattern.matrix(exact.hessian(x, x)[1]).toarray()
+    assert np.abs(plain - full).max() <= 1e-4 * np.abs(full).max()

@@ -170,6 +170,20 @@ def test_ball_under_a_sheet_cannot_pull() -> None:
     assert rigid_obstruction(piece) is not None
 
 
+def test_pins_on_a_line_with_all_weight_to_one_side_are_a_proof() -> None:
+    """A flat sheet held along one side turns down about it; held along its middle it might not."""
+    flat = grid(4, 2)  # vertex 3 i + j at x = 0.1 i
+    terms = PlainShell(flat).terms()
+    for pinned in ([0, 1, 2], [0, 2]):  # vertex 1 lies on the axis of the two pins
+        (piece,) = split(Problem(flat, terms, pinned=pinned))
+        motion = rigid_obstruction(piece)
+        assert motion is not None
+        assert np.all(motion[3:, 2] < 0.0)
+        assert not motion[:3].any()
+    (piece,) = split(Problem(flat, terms, pinned=[6, 7, 8]))
+    assert rigid_obstruction(piece) is None
+
+
 def test_two_walls_hold_by_friction() -> None:
     """A sheet clamped between opposite planes: the vertex has two contacts that press each other.
 
