@@ -14,26 +14,11 @@ from pathlib import Path
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from benchmarks.stress import random_scenes, report  # noqa: E402
-from benchmarks.stress.case import Row, run  # noqa: E402
+from benchmarks.stress import report  # noqa: E402
 from benchmarks.stress.families import FAMILIES  # noqa: E402
+from benchmarks.stress.tasks import tasks, work  # noqa: E402
 
-RANDOM = "random"
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def work(task: tuple[str, int]) -> Row:
-    """One case, named by family and number: what crosses the process border."""
-    family, number = task
-    if family == RANDOM:
-        return run(family, random_scenes.cases(1, number)[0])
-    return run(family, FAMILIES[family]()[number])
-
-
-def tasks(names: Sequence[str], scenes: int) -> list[tuple[str, int]]:
-    """All cases of the named families, then the random scenes."""
-    chosen = [(name, n) for name in names for n in range(len(FAMILIES[name]()))]
-    return chosen + [(RANDOM, seed) for seed in range(scenes)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

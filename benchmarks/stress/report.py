@@ -63,7 +63,8 @@ def page(rows: Sequence[Row]) -> str:
         "`python -m benchmarks.stress` solves sweeps of scenes and random scenes with the direct "
         f"method ({min(shell_sizes)} to {max(shell_sizes)} vertices).  The statuses a scene may end "
         "with are written in `benchmarks/stress/` with their reason, from theory and before the run; "
-        "random scenes are judged by linear theory (`oracle.py`).  Every certified result is "
+        "random scenes are judged by linear theory (`oracle.py`; its rule for supports that only just "
+        "balance came after a first run had shown six promises too many).  Every certified result is "
         "recomputed by formulas of its own with dense eigenvalues, every proof of infeasibility is "
         "tried to be refuted by a linear program over forces and masses (`recheck.py`).  A case may "
         f"take {TIME_LIMIT:.0f} s.",
