@@ -79,7 +79,7 @@ def solve(
 
     method       "direct": Newton on the natural shape along the load path; "two-step": Algorithm 1
                  of Ly 2018; "nlp": one nonlinear program at the target; "free-pose": the closest
-                 stable pose when the target cannot be held; "auto": the cheapest, "direct"
+                 stable pose when the target cannot be held; "auto": the cheapest that works
     step2        second step of "two-step": "ipopt", a program with cone constraints, or "bfgs",
                  descent on G_K
     preset       schedule and stopping rules of "two-step": "scaled" with the scene, or "paper"
@@ -102,25 +102,7 @@ def solve(
     run = _Run(problem, method, callback)
     run.mode = MetricMode(problem) if natural == "metric" else None
     try:
-        begin = time.perf_counter()
-        contacts = problem.contacts
-        begin = run.clock("contacts", begin)
-        run.pieces = list(split(problem, interpreted=interpreted))
-        if not interpreted and not all(piece.assembly.compiled for piece in run.pieces):
-            run.notes.append(
-                "no C compiler: kernels are interpreted (about ten times slower derivatives)"
-            )
-        begin = run.clock("kernels", begin)
-        if len(contacts) == 0:
-            run.notes.append("no contacts: no contact forces to choose")
-        elif (contacts.friction == 0.0).any():
-            run.notes.append(
-                "some contacts have no friction: they hold along their normal only, and stability "
-                "against sliding along the obstacle is not part of the certificate"
-            )
-        for piece in run.pieces:
-            _solve_piece(run, piece, choice)
-        run.clock("solve", begin)
+        _solve_pieces(run, choice, interpreted)
     except KeyboardInterrupt:
         run.interrupted = True
     return _finish(run)
@@ -141,6 +123,29 @@ def _solve_piece(run: _Run, piece: Piece, choice: Choice) -> None:
     if not run.mode.solve(len(run.solvers) - 1, piece, run.report) and first is not choice:
         run.solvers[-1] = choice.solver(piece, run.report)
         run.solvers[-1].run()
+
+
+def _solve_pieces(run: _Run, choice: Choice, interpreted: bool) -> None:
+    problem = run.problem
+    begin = time.perf_counter()
+    contacts = problem.contacts
+    begin = run.clock("contacts", begin)
+    run.pieces = list(split(problem, interpreted=interpreted))
+    if not interpreted and not all(piece.assembly.compiled for piece in run.pieces):
+        run.notes.append(
+            "no C compiler: kernels are interpreted (about ten times slower derivatives)"
+        )
+    begin = run.clock("kernels", begin)
+    if len(contacts) == 0:
+        run.notes.append("no contacts: no contact forces to choose")
+    elif (contacts.friction == 0.0).any():
+        run.notes.append(
+            "some contacts have no friction: they hold along their normal only, and stability "
+            "against sliding along the obstacle is not part of the certificate"
+        )
+    for piece in run.pieces:
+        _solve_piece(run, piece, choice)
+    run.clock("solve", begin)
 
 
 def _preferred(problem: Problem, prefer: ArrayLike | None) -> FloatArray | None:

@@ -6,6 +6,7 @@ Expectations stand in benchmarks/stress next to the scenes, each with its reason
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,8 +83,6 @@ def test_gradient_of_the_fold_is_orthogonal_to_rigid_motions() -> None:
 
 def test_second_opinion_refuses_what_is_wrong() -> None:
     """Each number of a certified result spoiled in turn."""
-    from dataclasses import replace
-
     problem = skirt_on_waist().problem()
     result = within(20.0, problem)
     assert result.status is Status.SOLVED
@@ -109,8 +108,6 @@ def test_linear_program_knows_the_friction_angle(tilt: float) -> None:
 
 
 def test_oracle_promises_nothing_for_soft_shells() -> None:
-    from dataclasses import replace
-
     stiff = skirt_on_waist()
     assert expected(stiff.problem()).allowed == CERTIFIED
     soft = replace(stiff, stretch=0.2, bend=1e-4)
@@ -119,9 +116,16 @@ def test_oracle_promises_nothing_for_soft_shells() -> None:
 
 def test_stiff_shell_with_little_weight_is_not_called_soft() -> None:
     """Stiffness 1e12: rounding hides the weight, and the advice says so."""
-    from dataclasses import replace
-
     for base in (flag, skirt_on_waist):
         result = within(20.0, replace(base(), stretch=1e12, bend=1e9).problem())
         assert result.status is Status.ITERATION_LIMIT
         assert "so stiff for its weight that rounding" in result.advice
+
+
+def test_pins_without_contacts_get_advice_from_every_method() -> None:
+    """A curved sheet on two pins, far too soft: friction has no part in it."""
+    small = page_on_table(5, 4)
+    soft = replace(small, obstacles=(), pinned=(0, 3), stretch=0.1, bend=1e-5)
+    result = within(20.0, soft.problem(), "nlp")
+    assert not result.status.certified
+    assert "pins alone" in result.advice

@@ -28,8 +28,11 @@ from casashell.inverse.quasi_newton import descend
 from casashell.result import Step
 from casashell.typing import FloatArray
 
-#: G in f0^2 at which the forces are admissible.
-GOAL: Final = 1e-16
+#: G in f0^2 at which the forces are admissible, and where BFGS stops if rounding lets it.
+ADMISSIBLE: Final = 1e-16
+GOAL: Final = 1e-20
+#: Share of the cones that Ipopt uses: the drape that follows moves forces a little.
+INSIDE: Final = 0.995
 #: Vertices above which BFGS keeps its last steps instead of a matrix (0.5 GB at 2550).
 DENSE_LIMIT: Final = 1500
 #: Longest move of a natural vertex in one step of BFGS, in edge lengths.
@@ -46,7 +49,7 @@ class StepTwo:
     rest            (n,3) m
     contact_forces  (C,3) N
     residual        G = |G_K(F)|^2 / 2 at the pose, in f0^2
-    converged       whether residual is at most `GOAL`, or what rounding leaves of it
+    converged       whether residual is at most `ADMISSIBLE`, or what rounding leaves of it
     slack           largest force that balance lacks when there is no solution ("ipopt"), / f0
     reason          how the method ended, in words
     """
@@ -89,9 +92,10 @@ def step_two(
     if method not in get_args(Method):
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}; got '{method}'")
     energy, cones = Pulled(piece, pull), ConeResidual(piece, kind, beta)
-    program = BalanceNlp(energy, pose, rest, floor=floor, beta=beta)
+    program = BalanceNlp(energy, pose, rest, floor=floor, beta=INSIDE * beta)
     begin = time.perf_counter()
-    goal = max(GOAL, 0.5 * len(program.dofs) * rounding(program) ** 2)
+    left = 0.5 * len(program.dofs) * rounding(program) ** 2
+    goal = max(ADMISSIBLE, left)
     felt = energy.gradient(pose, rest)
     found = _Found(program.reference, cones.contact_forces(felt), 0, "admissible from the start")
     if len(program.dofs) and (
@@ -102,7 +106,7 @@ def step_two(
             found = _ipopt(program, cones, felt, elastic, limit, report)
         else:
             limit = max_iterations or BFGS_ITERATIONS
-            found = _bfgs(program, cones, scaled, goal, limit, report)
+            found = _bfgs(program, cones, scaled, max(GOAL, left), limit, report)
     residual = cones.value(energy.gradient(pose, found.rest))[0]
     return StepTwo(
         rest=found.rest,
