@@ -123,6 +123,11 @@ def _unsupported(piece: Piece, *, proved: bool) -> str:
         if proved
         else "No contact forces inside the friction cones balance the weight of this target"
     )
+    if len(piece.contacts.vertices) == 0:
+        return (
+            "No natural shape was found that the pins alone hold in this pose: raise bend and stretch, "
+            "lower density or pin more vertices."
+        )
     needed = needed_friction(piece)
     if needed is None:
         return (
