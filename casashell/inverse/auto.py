@@ -84,6 +84,8 @@ class AutoSolver:
         piece = self.piece
         if self.best.obstruction is not None or len(piece.held) == 0:
             return False
+        if self.best.load == 1.0 and not self.best.balanced:
+            return False  # full load, but rounding hides the balance: other methods round as well
         if len(piece.contacts):
             obstruction = rigid_obstruction(piece)
             if obstruction is not None:
