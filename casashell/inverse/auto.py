@@ -71,7 +71,7 @@ class AutoSolver:
                         "not an answer; --method free-pose gives it"
                     )
                     continue
-                if outcome.good or outcome.rank > self.best.rank:
+                if outcome.good or (away == 0.0 and outcome.rank > self.best.rank):
                     self.best, self.method = outcome, name
                 if outcome.good:
                     self.notes.append(f"direct did not hold the target, {name} found the answer")
