@@ -66,12 +66,14 @@ def balance(
     *,
     elastic: bool = True,
     max_iterations: int = MAX_ITERATIONS,
+    seconds: float = np.inf,
     report: Report | None = None,
     keep: Keep | None = None,
 ) -> Balance:
     """Solve ``program`` from the natural shape ``rest`` (n,3) and contact forces (C,3) [N].
 
     elastic  when there is no solution near by, answer with the program with slack
+    seconds  after which Ipopt stops
     keep     called with natural shape and contact forces of every iterate
     """
     begin = time.perf_counter()
@@ -106,6 +108,7 @@ def balance(
                 "constr_viol_tol": max(FEASIBLE, limit),
                 # Adaptive takes two thirds of the iterations, and wanders where slack is needed.
                 "mu_strategy": "monotone" if version.elastic else "adaptive",
+                "max_wall_time": max(1e-3, min(1e20, seconds - (time.perf_counter() - begin))),
             },
         )
         spent += result.iterations

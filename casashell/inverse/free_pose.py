@@ -9,6 +9,7 @@ says whether it is stable.  A step that fails either test is shortened.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -60,6 +61,7 @@ class FreePoseSolver:
 
     after      a solver of the target that has run already; None runs one
     max_steps  steps from one drape
+    seconds    after which no other step is begun
     """
 
     def __init__(
@@ -69,11 +71,14 @@ class FreePoseSolver:
         *,
         after: DirectSolver | None = None,
         max_steps: int = MAX_STEPS,
+        seconds: float = np.inf,
     ) -> None:
         self.piece, self.report = piece, report
         self._fresh = after is None
         self.direct = after or DirectSolver(piece, report)
         self.max_steps = max_steps
+        self.seconds = seconds
+        self._deadline = np.inf
         self.path = LoadPath(piece, lambda step: None)
         self.draper = Draper(Pulled(piece, 0.0), piece.held)
         self.program = PoseProgram(piece)
@@ -115,6 +120,7 @@ class FreePoseSolver:
             if obstruction is not None:
                 self.best = replace(self.best, obstruction=obstruction)
                 return self.best
+        self._deadline = time.perf_counter() + self.seconds
         starts = self._draped()
         if not starts:
             self.notes.append("no shape at hand drapes to a stable pose with its contacts held")
@@ -163,6 +169,9 @@ class FreePoseSolver:
         kappa, share = 1e-2, 1.0
         self._unstable = False
         for _ in range(self.max_steps):
+            if time.perf_counter() > self._deadline:
+                self.notes.append(f"free pose stopped after {self.seconds:g} s")
+                break
             modes = MODES if self._unstable else 0
             step = self.program.step(state.pose, state.rest, kappa, modes)
             self.steps += 1

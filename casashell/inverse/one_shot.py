@@ -54,6 +54,7 @@ class NlpSolver:
     """`one_shot` as a solver of a piece: keeps its outcome where an interrupt can find it.
 
     elastic  when there is no solution, find where balance lacks least; else one attempt, no slack
+    seconds  that one attempt may take
     """
 
     def __init__(
@@ -64,9 +65,11 @@ class NlpSolver:
         floor: float = FLOORS[0],
         elastic: bool = True,
         max_iterations: int = MAX_ITERATIONS,
+        seconds: float = np.inf,
     ) -> None:
         self.piece, self.report = piece, report
         self.floor, self.elastic, self.max_iterations = floor, elastic, max_iterations
+        self.seconds = seconds
         self.best = starting_outcome(piece)
         self.notes: list[str] = []
         self.iterations = 0
@@ -142,6 +145,7 @@ class NlpSolver:
             forces,
             elastic=False,
             max_iterations=self.max_iterations,
+            seconds=self.seconds,
             report=self._count,
             keep=self._keep,
         )
