@@ -15,6 +15,7 @@ from casashell.inverse.metric_mode import METRIC_ONLY, NATURALS, MetricMode, met
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.quality import assess
+from casashell.inverse.warm_start import WarmStart
 from casashell.metric import Metric, laid_out, with_metric
 from casashell.problem import Problem
 from casashell.result import Certificate, Result, Step
@@ -72,6 +73,7 @@ def solve(
     preset: str = "scaled",
     prefer: ArrayLike | None = None,
     natural: str = "mesh",
+    start: Result | None = None,
     callback: Callback | None = None,
     interpreted: bool = False,
 ) -> Result:
@@ -88,17 +90,21 @@ def solve(
     natural      "mesh": natural positions; "metric": also natural lengths and angles, in
                  ``Result.metric``, and those alone where no natural mesh is found: softer materials
                  can hold the target then
+    start        an earlier result of the same mesh, with another material, weight or contacts: methods
+                 "auto" and "direct" try its natural shape and forces first
     callback     called with a `Step` at every iteration; an exception from it ends the solve
     interpreted  run kernels by CasADi's virtual machine even when there is a C compiler
 
     A KeyboardInterrupt ends the solve with what it has and status INTERRUPTED.  A solve that fails
     returns its best attempt with a status and advice; `Result.require` turns that into an exception.
     Raises ValueError for an unknown method, second step, preset or kind of natural shape, a preferred
-    shape that does not fit the mesh, and energies that cannot take a metric when one is asked for.
+    shape that does not fit the mesh, a start of another mesh or for another method, and energies that
+    cannot take a metric when one is asked for.
     """
     if natural not in NATURALS:
         raise ValueError(f"natural must be one of {', '.join(NATURALS)}; got '{natural}'")
-    choice = Choice(method, step2, preset, _preferred(problem, prefer))
+    earlier = None if start is None else WarmStart(start, problem)
+    choice = Choice(method, step2, preset, _preferred(problem, prefer), earlier)
     run = _Run(problem, method, callback)
     run.mode = MetricMode(problem) if natural == "metric" else None
     try:
@@ -136,6 +142,8 @@ def _solve_pieces(run: _Run, choice: Choice, interpreted: bool) -> None:
             "no C compiler: kernels are interpreted (about ten times slower derivatives)"
         )
     begin = run.clock("kernels", begin)
+    if len(run.pieces) > 1:
+        run.notes.append(f"{len(run.pieces)} independent parts, each solved by itself")
     if len(contacts) == 0:
         run.notes.append("no contacts: no contact forces to choose")
     elif (contacts.friction == 0.0).any():

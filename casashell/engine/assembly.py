@@ -11,16 +11,21 @@ import scipy.sparse as sp
 
 from casashell.engine.energy import Energy
 from casashell.engine.kernels import Kernel, get_kernel
+from casashell.engine.recent import Recent, digest, frozen
 from casashell.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """CSR pattern of a (3V, 3V) matrix whose 3x3 blocks couple vertices that share a stencil."""
+    """CSR pattern of a (3V, 3V) matrix whose 3x3 blocks couple vertices that share a stencil.
+
+    key  the same for the same topology; patterns of one key have the same arrays
+    """
 
     size: int
     indptr: IntArray
     indices: IntArray
+    key: bytes
 
     @property
     def nnz(self) -> int:
@@ -34,13 +39,61 @@ class Pattern:
     @cached_property
     def rows(self) -> IntArray:
         """Row of every stored entry."""
-        return np.repeat(np.arange(self.size), np.diff(self.indptr))
+        return frozen(np.repeat(np.arange(self.size), np.diff(self.indptr)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Pattern of a topology, and for each term (S, 9 k k) the places of its blocks in it."""
+
+    pattern: Pattern
+    places: tuple[IntArray, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays, the rows of the pattern with them."""
+        pattern = 2 * self.pattern.indices.nbytes + self.pattern.indptr.nbytes
+        return pattern + sum(place.nbytes for place in self.places)
+
+
+#: Layouts of the last topologies: another material or another load makes none.
+_LAYOUTS: Recent[_Layout] = Recent()
+
+
+def _lay_out(stencils: Sequence[IntArray], count: int, key: bytes) -> _Layout:
+    """Layout of terms with these stencils (S,k) on ``count`` vertices."""
+    keys = [np.arange(count, dtype=np.int64) * (count + 1)]
+    keys += [np.unique((s[:, :, None] * count + s[:, None, :]).ravel()) for s in stencils]
+    pairs = np.unique(np.concatenate(keys))
+    row, column = np.divmod(pairs, count)
+    degree = np.bincount(row, minlength=count)
+    start = np.concatenate([[0], np.cumsum(degree)])
+    indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * degree, 3))])
+    # Scalar entry (3 row + a, 3 column + b) of pair q sits at indptr[3 row + a] + 3 (rank) + b.
+    rank = np.arange(len(pairs)) - start[row]
+    offset = np.arange(3)
+    indices = np.empty(9 * len(pairs), dtype=np.int64)
+    for a in range(3):
+        for b in range(3):
+            indices[indptr[3 * row + a] + 3 * rank + b] = 3 * column + b
+    places = []
+    for s in stencils:
+        pair = np.searchsorted(pairs, s[:, :, None] * count + s[:, None, :])
+        begin = indptr[3 * s[:, :, None] + offset]  # (S, k, 3)
+        target = (
+            begin[:, :, :, None, None]
+            + 3 * (pair - start[s][:, :, None])[:, :, None, :, None]
+            + offset[None, None, None, None, :]
+        )
+        places.append(frozen(np.ascontiguousarray(target.reshape(len(s), 9 * s.shape[1] ** 2))))
+    return _Layout(Pattern(3 * count, frozen(indptr), frozen(indices), key), tuple(places))
 
 
 class Assembly:
     """Energy, gradient and sparse second derivatives of a sum of terms on ``count`` vertices.
 
-    The pattern and the scatter maps are made once; every call is kernels plus one summation a term.
+    The pattern and the scatter maps are made once a topology, also for the next assembly of the same
+    one; every call is kernels plus one summation a term.
     ``load`` scales the terms marked as external loads.
     """
 
@@ -52,7 +105,7 @@ class Assembly:
         )
         self.count = count
         self.interpreted = interpreted
-        self._scatter: dict[int, IntArray] = {}
+        self._number = {id(term): number for number, term in enumerate(self.energies)}
         self._kernels: dict[tuple[int, str], Kernel] = {}
         for term in self.energies:
             term.require_vertices(count)
@@ -69,42 +122,21 @@ class Assembly:
         return all(self._kernel(term, "gradient").compiled for term in self.energies)
 
     @cached_property
+    def _layout(self) -> _Layout:
+        stencils = tuple(term.stencils for term in self.energies)
+        key = digest(self.count, *stencils)
+        return _LAYOUTS.get(
+            key, lambda: _lay_out(stencils, self.count, key), lambda made: made.nbytes
+        )
+
+    @property
     def pattern(self) -> Pattern:
         """Union of the vertex pairs of all terms, and every vertex with itself."""
-        keys = [np.arange(self.count, dtype=np.int64) * (self.count + 1)]
-        for term in self.energies:
-            s = term.stencils
-            keys.append(np.unique((s[:, :, None] * self.count + s[:, None, :]).ravel()))
-        pairs = np.unique(np.concatenate(keys))
-        self._pairs = pairs
-        row, column = np.divmod(pairs, self.count)
-        degree = np.bincount(row, minlength=self.count)
-        self._start = np.concatenate([[0], np.cumsum(degree)])
-        indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * degree, 3))])
-        # Scalar entry (3 row + a, 3 column + b) of pair q sits at indptr[3 row + a] + 3 (rank) + b.
-        rank = np.arange(len(pairs)) - self._start[row]
-        indices = np.empty(9 * len(pairs), dtype=np.int64)
-        for a in range(3):
-            for b in range(3):
-                indices[indptr[3 * row + a] + 3 * rank + b] = 3 * column + b
-        return Pattern(3 * self.count, indptr, indices)
+        return self._layout.pattern
 
     def scatter_map(self, term: Energy) -> IntArray:
         """Where each entry of the row-major (3k, 3k) blocks of ``term`` goes in the pattern."""
-        if id(term) not in self._scatter:
-            pattern, s = self.pattern, term.stencils
-            k = term.size
-            pair = np.searchsorted(self._pairs, s[:, :, None] * self.count + s[:, None, :])
-            rank = pair - self._start[s][:, :, None]
-            offset = np.arange(3)
-            begin = pattern.indptr[3 * s[:, :, None] + offset]  # (S, k, 3)
-            target = (
-                begin[:, :, :, None, None]
-                + 3 * rank[:, :, None, :, None]
-                + offset[None, None, None, None, :]
-            )
-            self._scatter[id(term)] = np.ascontiguousarray(target.reshape(len(s), 9 * k * k))
-        return self._scatter[id(term)]
+        return self._layout.places[self._number[id(term)]]
 
     def _run(
         self, term: Energy, name: str, x: FloatArray, r: FloatArray, w: FloatArray | None = None

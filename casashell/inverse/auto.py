@@ -18,6 +18,7 @@ from casashell.inverse.forces import rigid_obstruction
 from casashell.inverse.load_path import Report
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece
+from casashell.inverse.warm_start import Guess
 
 #: Vertices up to which the dearer rungs are tried: beyond, one takes minutes.
 LARGEST: Final = 3000
@@ -25,6 +26,8 @@ LARGEST: Final = 3000
 NEAR_ENOUGH: Final = 0.3
 #: Iterations of the program, and steps of the free pose.
 NLP_ITERATIONS, POSE_STEPS = 75, 15
+#: Seconds that each of the two may take.
+PATIENCE: Final = 15.0
 #: Distance / size up to which another pose is an answer to what was asked.
 NEARBY: Final = 0.05
 
@@ -32,9 +35,9 @@ NEARBY: Final = 0.05
 class AutoSolver:
     """Climbs the ladder on one piece; ``method`` names the rung of the best outcome."""
 
-    def __init__(self, piece: Piece, report: Report) -> None:
+    def __init__(self, piece: Piece, report: Report, guess: Guess | None = None) -> None:
         self.piece, self.report = piece, report
-        self.direct = DirectSolver(piece, report)
+        self.direct = DirectSolver(piece, report, guess)
         self.solvers: list[PieceSolver] = [self.direct]
         self.best = self.direct.best
         self.method = "direct"
@@ -53,7 +56,9 @@ class AutoSolver:
     def salvage(self) -> Outcome:
         """The best outcome so far, also of a rung that was interrupted."""
         latest = self.solvers[-1].salvage()
-        return latest if latest.good or latest.rank > self.best.rank else self.best
+        if len(self.solvers) == 1:
+            return latest
+        return latest if latest.good else self.best
 
     def run(self) -> Outcome:
         """Solve; the outcome is also in ``best``."""
@@ -71,7 +76,8 @@ class AutoSolver:
                         "not an answer; --method free-pose gives it"
                     )
                     continue
-                if outcome.good or (away == 0.0 and outcome.rank > self.best.rank):
+                better = outcome.balanced and not self.best.balanced and away == 0.0
+                if outcome.good or better:
                     self.best, self.method = outcome, name
                 if outcome.good:
                     self.notes.append(f"direct did not hold the target, {name} found the answer")
@@ -112,11 +118,19 @@ class AutoSolver:
         if self.best.load >= NEAR_ENOUGH:
             yield (
                 "nlp",
-                NlpSolver(self.piece, self.report, max_iterations=NLP_ITERATIONS, elastic=False),
+                NlpSolver(
+                    self.piece,
+                    self.report,
+                    max_iterations=NLP_ITERATIONS,
+                    seconds=PATIENCE,
+                    elastic=False,
+                ),
             )
         yield (
             "free-pose",
-            FreePoseSolver(self.piece, self.report, after=self.direct, max_steps=POSE_STEPS),
+            FreePoseSolver(
+                self.piece, self.report, after=self.direct, max_steps=POSE_STEPS, seconds=PATIENCE
+            ),
         )
 
 

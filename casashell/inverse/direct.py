@@ -1,6 +1,7 @@
 """Direct inversion of one piece: admissible contact forces, then Newton on the natural shape.
 
 A ladder, cheapest first; the first rung whose answer is stable with strict cones wins:
+  0. the natural shape and forces of an earlier answer, where one is given;
   1. projected bilateral reactions,
   2. forces of least strain energy (the full stress program),
   3. the same with stability cuts along the unstable directions found so far.
@@ -26,19 +27,22 @@ from casashell.inverse.outcome import ROUNDING_OF_CONES, Outcome, judged, pushin
 from casashell.inverse.piece import Piece
 from casashell.inverse.stability import lowest_modes
 from casashell.inverse.stress import StressProgram
+from casashell.inverse.warm_start import Guess
 from casashell.result import Step
 from casashell.typing import FloatArray
 
 MASS_ROUNDS = 4
 MAX_CUT_ROUNDS = 6
+EARLIER = "earlier natural shape"
 
 
 class DirectSolver:
     """Runs the ladder on one piece and keeps the best outcome where an interrupt can find it."""
 
-    def __init__(self, piece: Piece, report: Report) -> None:
+    def __init__(self, piece: Piece, report: Report, guess: Guess | None = None) -> None:
         self.piece = piece
         self.report = report
+        self.guess = guess
         self.path = LoadPath(piece, report)
         self.best = starting_outcome(self.piece)
         self.last = self.best
@@ -61,6 +65,9 @@ class DirectSolver:
             self.best = replace(self.best, obstruction=rigid_obstruction(self.piece))
             if self.best.obstruction is not None:
                 return self.best
+        needed = self.piece.loads.any() and len(self.path.dofs) > 0
+        if self.guess is not None and needed and self._resume(self.guess):
+            return self.best
         for name, forces in self._rungs():
             outcome = self._invert(name, forces)
             if outcome.good or outcome.rank > self.best.rank or self.best.rung == "start":
@@ -70,6 +77,56 @@ class DirectSolver:
         if not self.best.balanced and len(self.piece.held):
             self.best = replace(self.best, obstruction=rigid_obstruction(self.piece))
         return self.best
+
+    def _resume(self, guess: Guess) -> bool:
+        """Begin with an earlier natural shape at full load; whether the answer is good."""
+        outcome = self._near(guess)
+        if outcome is None or not outcome.good:
+            self.path.forget_analysis()
+            self.notes.append("the earlier natural shape was no good start here: solved without it")
+            return False
+        self.best = outcome
+        self.notes.append(
+            "started from the earlier natural shape and forces: no load path, "
+            f"{self.factorizations} factorisations"
+        )
+        return True
+
+    def _near(self, guess: Guess) -> Outcome | None:
+        """Outcome of Newton with the earlier forces, rebalanced as the masses move."""
+        piece, path = self.piece, self.path
+        rest = guess.scaled(piece)
+        outcome: Outcome | None = None
+        choose: ForceChoice | None = None
+        for round_ in range(MASS_ROUNDS):
+            loads = piece.assembly.nodal_loads(rest)
+            if round_ == 0 and guess.comfortable(piece, SHRINKS[0]):
+                found: FloatArray | None = guess.wanted  # multipliers see to what they miss
+            else:
+                choose = choose or self._nearest_to(guess.wanted, loads)
+                found = choose(loads)
+            if found is None:
+                break
+            point = path.resume(rest, piece.spread(found))
+            if point is None:
+                break
+            rest = point.rest
+            outcome = judged(piece, rest, found, EARLIER, residual=point.residual)
+            self.last = outcome
+            self.report(Step(EARLIER, 1.0, round_, point.residual, 0.0))
+            if outcome.cone_margin >= -ROUNDING_OF_CONES:
+                break
+        return outcome
+
+    def _nearest_to(self, wanted: FloatArray, loads: FloatArray) -> ForceChoice:
+        """Projection of ``wanted`` as far inside the cones as balances ``loads``."""
+        piece = self.piece
+        if len(wanted) == 0:
+            return lambda loads: wanted
+        for shrink in SHRINKS:
+            if project_reactions(piece, wanted, loads, shrink) is not None:
+                break
+        return lambda loads: project_reactions(piece, wanted, loads, shrink)
 
     def salvage(self) -> Outcome:
         """The best outcome so far; on a first path that was interrupted, its furthest point."""

@@ -10,15 +10,17 @@ motion of r.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from casashell.engine.assembly import Pattern
+from casashell.engine.recent import Recent, digest, frozen
 from casashell.engine.sparse_solver import SingularMatrix, SparseSolver, make_solver
 from casashell.inverse.piece import Piece
 from casashell.result import Step
-from casashell.typing import FloatArray, IntArray
+from casashell.typing import BoolArray, FloatArray, IntArray
 
 Report = Callable[[Step], None]
 
@@ -29,6 +31,8 @@ ROUNDING = 1e-4
 MAX_NEWTON, MIN_LOAD_STEP = 25, 1.0 / 64.0
 #: Factorisations one path may spend; the hardest real garment that was solved took 63.
 BUDGET = 120
+#: The same for resuming from an earlier natural shape, which has to pay.
+RESUME_BUDGET, MIN_RESUME_STEP = 16, 1.0 / 8.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,44 @@ class PathPoint:
     correction: FloatArray
     load: float
     residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Bordered:
+    """CSR pattern of the bordered matrix.
+
+    chosen  entries of the pattern of the piece that are in it
+    order   where its entries are in those, followed by those of -C and C^T
+    """
+
+    chosen: IntArray
+    order: IntArray
+    indptr: IntArray
+    indices: IntArray
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(a.nbytes for a in (self.chosen, self.order, self.indptr, self.indices))
+
+
+#: Patterns of the last systems: the same mesh with the same pins and contacts makes none.
+_BORDERED: Recent[_Bordered] = Recent()
+
+
+def _bordered(pattern: Pattern, dofs: IntArray, coupled: BoolArray) -> _Bordered:
+    """Pattern on ``dofs`` with the border C where ``coupled`` (len(dofs), d)."""
+    place = np.full(pattern.size, -1, dtype=np.int64)
+    place[dofs] = np.arange(len(dofs))
+    rows, columns = place[pattern.rows], place[pattern.indices]
+    chosen = np.flatnonzero((rows >= 0) & (columns >= 0))
+    at, which = np.nonzero(coupled)
+    size, d = coupled.shape
+    row = np.concatenate([rows[chosen], at, size + which])
+    column = np.concatenate([columns[chosen], size + which, at])
+    order = np.lexsort((column, row))
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=size + d))])
+    return _Bordered(frozen(chosen), frozen(order), frozen(indptr), frozen(column[order]))
 
 
 class LoadPath:
@@ -59,28 +101,24 @@ class LoadPath:
 
     def _system(self) -> None:
         """Pattern of [[M, -C], [C^T, 0]] on the unpinned degrees of freedom, and its constants."""
-        pattern = self.piece.assembly.pattern
-        place = np.full(pattern.size, -1, dtype=np.int64)
-        place[self.dofs] = np.arange(len(self.dofs))
-        rows, columns = place[pattern.rows], place[pattern.indices]
-        self._chosen = np.flatnonzero((rows >= 0) & (columns >= 0))
-        border = self.border[self.dofs]
-        at, which = np.nonzero(border)
-        size, d = len(self.dofs), border.shape[1]
-        row = np.concatenate([rows[self._chosen], at, size + which])
-        column = np.concatenate([columns[self._chosen], size + which, at])
-        self._order = np.lexsort((column, row))
-        counts = np.bincount(row, minlength=size + d)
-        self._indptr = np.concatenate([[0], np.cumsum(counts)])
-        self._indices = column[self._order]
-        self._constants = np.concatenate([-border[at, which], border[at, which]])
+        pattern, border = self.piece.assembly.pattern, self.border[self.dofs]
+        coupled = border != 0.0
+        key = digest(pattern.key, self.dofs, coupled)
+        self._bordered = _BORDERED.get(
+            key, lambda: _bordered(pattern, self.dofs, coupled), lambda made: made.nbytes
+        )
+        self._constants = np.concatenate([-border[coupled], border[coupled]])
+
+    def forget_analysis(self) -> None:
+        """Analyse the next matrix anew: the analysis of an unsymmetric one depends on its values."""
+        self._solver = None
 
     def _factor(self, entries: FloatArray) -> SparseSolver:
-        scale = self._scale
-        data = np.concatenate([entries[self._chosen], scale * self._constants])[self._order]
+        system = self._bordered
+        data = np.concatenate([entries[system.chosen], self._scale * self._constants])
         if self._solver is None:
-            self._solver = make_solver(self._indptr, self._indices, "general")
-        self._solver.factor(data)
+            self._solver = make_solver(system.indptr, system.indices, "general")
+        self._solver.factor(data[system.order])
         self.factorizations += 1
         return self._solver
 
@@ -150,11 +188,7 @@ class LoadPath:
         step = 1.0
         while point.load < 1.0 and step >= MIN_LOAD_STEP and self.factorizations < spent:
             load = min(1.0, point.load + step)
-            guess, correction = point.rest, point.correction
-            if before is not None:
-                along = (load - point.load) / (point.load - before.load)
-                guess = guess + along * (point.rest - before.rest)
-                correction = correction + along * (point.correction - before.correction)
+            guess, correction = _ahead(before, point, load)
             reached = self.newton(guess, correction, forces, load, TIGHT if load == 1.0 else LOOSE)
             if reached is None:
                 step /= 4.0 if step == 1.0 else 2.0
@@ -162,6 +196,38 @@ class LoadPath:
             before, point, step = point, reached, min(2.0 * step, 1.0)
             self.furthest = point
         return point
+
+    def resume(self, rest: FloatArray, forces: FloatArray) -> PathPoint | None:
+        """Full load with forces (n,3) [N] from a natural shape that balances others; None if lost.
+
+        What ``rest`` leaves unbalanced is taken away at once, or else step by step.
+        """
+        gap = self.piece.assembly.gradient(self.piece.target, rest) - forces
+        spent = self.factorizations + RESUME_BUDGET
+        point = PathPoint(rest, np.zeros(self.border.shape[1]), 0.0, 0.0)
+        before: PathPoint | None = None
+        step = 1.0
+        while point.load < 1.0 and step >= MIN_RESUME_STEP and self.factorizations < spent:
+            share = min(1.0, point.load + step)
+            guess, correction = _ahead(before, point, share)
+            felt = forces + (1.0 - share) * gap
+            reached = self.newton(guess, correction, felt, 1.0, TIGHT if share == 1.0 else LOOSE)
+            if reached is None:
+                step /= 4.0 if step == 1.0 else 2.0
+                continue
+            before, point, step = point, replace(reached, load=share), min(2.0 * step, 1.0)
+        return point if point.load == 1.0 else None
+
+
+def _ahead(
+    before: PathPoint | None, point: PathPoint, load: float
+) -> tuple[FloatArray, FloatArray]:
+    """Natural shape and correction expected at ``load``, along the line of the last two points."""
+    if before is None:
+        return point.rest, point.correction
+    along = (load - point.load) / (point.load - before.load)
+    rest = point.rest + along * (point.rest - before.rest)
+    return rest, point.correction + along * (point.correction - before.correction)
 
 
 def _border(piece: Piece) -> FloatArray:

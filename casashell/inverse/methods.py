@@ -10,9 +10,12 @@ from casashell.inverse.direct import DirectSolver
 from casashell.inverse.load_path import Report
 from casashell.inverse.outcome import PieceSolver
 from casashell.inverse.piece import Piece
+from casashell.inverse.warm_start import WarmStart
 from casashell.typing import FloatArray
 
 METHODS: Final = ("auto", "direct", "two-step", "nlp", "free-pose")
+#: Methods that can begin with an earlier result.
+STARTED: Final = ("auto", "direct")
 STEP2: Final = ("ipopt", "bfgs")
 PRESETS: Final = ("scaled", "paper")
 StepTwoMethod: TypeAlias = Literal["ipopt", "bfgs"]
@@ -23,13 +26,15 @@ class Choice:
     """How to solve; the arguments of `casashell.solve`, checked.
 
     preferred  (V,3) m or None
-    Raises ValueError for an unknown method, second step or preset.
+    start      an earlier result that "auto" and "direct" begin with, or None
+    Raises ValueError for an unknown method, second step or preset, and for a method without a start.
     """
 
     method: str
     step2: StepTwoMethod
     preset: str
     preferred: FloatArray | None
+    start: WarmStart | None = None
 
     def __post_init__(self) -> None:
         for name, value, known in (
@@ -39,6 +44,10 @@ class Choice:
         ):
             if value not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}; got '{value}'")
+        if self.start is not None and self.method not in STARTED:
+            raise ValueError(
+                f"start helps the methods {', '.join(STARTED)} only, not '{self.method}': leave it out"
+            )
 
     def solver(self, piece: Piece, report: Report) -> PieceSolver:
         """The solver of one piece; methods are loaded when they are asked for."""
@@ -66,4 +75,6 @@ class Choice:
             from casashell.inverse.free_pose import FreePoseSolver
 
             return FreePoseSolver(piece, report)
-        return DirectSolver(piece, report) if self.method == "direct" else AutoSolver(piece, report)
+        guess = None if self.start is None else self.start.of(piece)
+        made = DirectSolver if self.method == "direct" else AutoSolver
+        return made(piece, report, guess)
