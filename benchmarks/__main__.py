@@ -9,9 +9,14 @@ import platform
 import sys
 from pathlib import Path
 
-from benchmarks import derivatives, programs, scaling, table2
+from benchmarks import derivatives, programs, scaling, skips, table2
 
-PARTS = {"derivatives": derivatives.run, "scaling": scaling.run, "programs": programs.run}
+PARTS = {
+    "derivatives": derivatives.run,
+    "scaling": scaling.run,
+    "skips": skips.run,
+    "programs": programs.run,
+}
 
 
 def main(names: list[str]) -> int:

@@ -60,6 +60,11 @@ class _Layout:
 _LAYOUTS: Recent[_Layout] = Recent()
 
 
+def forget_layouts() -> None:
+    """Give back the memory of the layouts kept."""
+    _LAYOUTS.clear()
+
+
 def _lay_out(stencils: Sequence[IntArray], count: int, key: bytes) -> _Layout:
     """Layout of terms with these stencils (S,k) on ``count`` vertices."""
     keys = [np.arange(count, dtype=np.int64) * (count + 1)]

@@ -68,6 +68,11 @@ class _Bordered:
 _BORDERED: Recent[_Bordered] = Recent()
 
 
+def forget_systems() -> None:
+    """Give back the memory of the patterns kept."""
+    _BORDERED.clear()
+
+
 def _bordered(pattern: Pattern, dofs: IntArray, coupled: BoolArray) -> _Bordered:
     """Pattern on ``dofs`` with the border C where ``coupled`` (len(dofs), d)."""
     place = np.full(pattern.size, -1, dtype=np.int64)

@@ -89,7 +89,8 @@ class Piece:
         if len(self.pinned) == 0:
             return modes
         rows = modes.reshape(len(self.target), 3, 6)[self.pinned].reshape(-1, 6)
-        _, size, vh = np.linalg.svd(rows, full_matrices=True)
+        # The square factor of the rows is not needed, and large where many vertices are pinned.
+        _, size, vh = np.linalg.svd(rows, full_matrices=len(rows) < 6)
         rank = int(np.sum(size > 1e-9 * size[0]))
         return np.asarray(modes @ vh[rank:].T)
 
