@@ -23,7 +23,7 @@ COARSE_STRETCH = 3.0  # N, of Ly 2018's Synthetic Skirt
 def one(rows: int, around: int) -> dict[str, float | str]:
     """Solve one size in this process; what is reported of it."""
     from casashell.app.builtin import skirt
-    from casashell.solve import solve
+    from casashell.solving import solve
 
     coarse = skirt(*SIZES[0]).target.mean_edge_length
     scene = skirt(rows, around)

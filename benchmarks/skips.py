@@ -20,7 +20,7 @@ from casashell.engine import assembly
 from casashell.inverse import load_path
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 
 SIZE, REPEATS = (16, 52), 3
 Call = Callable[[], Result]

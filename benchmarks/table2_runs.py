@@ -127,7 +127,7 @@ def _garment(name: str) -> Scene:
 def warm_up() -> None:
     """Every method once on a small skirt, so that no kernel is left to compile."""
     from casashell.app.builtin import skirt
-    from casashell.solve import solve
+    from casashell.solving import solve
 
     for way in WAYS.values():
         if way.preset == "scaled":
@@ -136,7 +136,7 @@ def warm_up() -> None:
 
 def measure(scene: str, way: str, limit: float, file: str) -> None:
     """Solve in this process, for ``limit`` seconds at the most, and write a `Run` to ``file``."""
-    from casashell.solve import solve
+    from casashell.solving import solve
 
     problem, chosen, recorder = problem_of(scene), WAYS[way], Recorder()
     load = os.getloadavg()[0]

@@ -1,6 +1,6 @@
 """`python -m casashell` is the command line program."""
 
-from casashell.app.cli import main
+from casashell.app.startup import main
 
 if __name__ == "__main__":
     main()

@@ -22,7 +22,7 @@ from casashell.inverse.certificate import certify, stiffness_matrix
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Certificate
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from formulations import area_gravity, edge_stretch, hinge_bending, proximity
 
@@ -225,7 +225,7 @@ def test_negative_stencil_is_named():
 def test_interrupt_during_the_certificate(monkeypatch):
     import sys
 
-    module = sys.modules["casashell.solve"]
+    module = sys.modules["casashell.solving"]
 
     def stop(*args):
         raise KeyboardInterrupt

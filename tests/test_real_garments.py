@@ -13,7 +13,7 @@ from casashell.inverse.forces import is_obstruction, rigid_obstruction
 from casashell.inverse.piece import split
 from casashell.io.meshes import read_mesh
 from casashell.problem import Problem
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 
 # folder: metres per unit, contact tolerance in that unit, contacts; from the table of reference runs.

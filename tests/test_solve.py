@@ -21,7 +21,7 @@ from small_scenes import (
 from casashell.contact.obstacles import Sphere
 from casashell.problem import Problem
 from casashell.result import NotConverged, Step
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from casashell.typing import FloatArray
 

@@ -11,7 +11,7 @@ from small_scenes import DOWN, HEAD, assert_certified, clamped_page, hat_on_ball
 from casashell.contact.obstacles import Sphere
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from formulations import discrete_shell
 

@@ -16,7 +16,7 @@ from benchmarks.stress.recheck import FREE_FORCE, complaints, scale
 from benchmarks.stress.shapes import Setup
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from casashell.typing import FloatArray
 

@@ -17,7 +17,7 @@ from casashell.contact.detect import describe
 from casashell.io.results import owned, record_of, save_result
 from casashell.io.staging import check_folder
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 
 

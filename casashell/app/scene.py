@@ -30,7 +30,7 @@ from casashell.io.obstacle_tables import read_obstacle
 from casashell.mesh import TriMesh
 from casashell.mesh_checks import validate
 from casashell.problem import Problem
-from casashell.solve import StepTwoMethod
+from casashell.solving import StepTwoMethod
 from casashell.typing import FloatArray, IntArray
 from formulations import discrete_shell
 

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from casashell.io.toml_tables import did_you_mean, is_number
-from casashell.solve import StepTwoMethod
+from casashell.solving import StepTwoMethod
 from casashell.typing import FloatArray
 
 UNITS: Final = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}

@@ -17,7 +17,7 @@ from casashell.app.materials_table import lines_of, record_of
 from casashell.app.named_materials import SHEETS, Sheet
 from casashell.app.scene import Material, Scene
 from casashell.result import Step
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from formulations.calibration import calibrate
 

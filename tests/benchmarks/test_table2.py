@@ -25,7 +25,7 @@ from benchmarks.table2_text import (
 from casashell.app.builtin import skirt
 from casashell.problem import Problem
 from casashell.result import Step
-from casashell.solve import solve
+from casashell.solving import solve
 
 NUMBERS = {
     **{"vertices": 200, "contacts": 20, "status": "SOLVED", "certified": True, "seconds": 2.0},

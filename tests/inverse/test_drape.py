@@ -18,7 +18,7 @@ from casashell.inverse.drape import METHODS, Draped, DrapeMethod, Draper, drape
 from casashell.inverse.piece import Piece, split
 from casashell.inverse.pulled import Pulled
 from casashell.problem import Problem
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.typing import FloatArray, IntArray
 
 LINK, STRETCH, WEIGHT = 0.1, 2.0, 0.05

@@ -18,7 +18,7 @@ from casashell.inverse.feasibility_proof import AREA_FACTOR, STRENGTH, check_pro
 from casashell.inverse.piece import split
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.typing import FloatArray
 
 

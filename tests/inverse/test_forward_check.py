@@ -13,7 +13,7 @@ from casashell.engine.assembly import Assembly
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.typing import IntArray
 
 

@@ -19,7 +19,7 @@ from casashell.inverse.piece import split
 from casashell.inverse.pulled import Pulled
 from casashell.problem import Problem
 from casashell.result import Step
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from casashell.typing import FloatArray
 

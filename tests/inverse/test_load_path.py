@@ -20,7 +20,7 @@ from casashell.inverse.piece import Piece, split
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Step
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.typing import FloatArray
 
 # The example of Ly 2018, Sec. 4.2: the left face is fixed, vertex 3 hangs.  Soft in its plane, so

@@ -24,7 +24,7 @@ from casashell.inverse.stress import StressProgram
 from casashell.metric import Metric, heron, with_metric
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 from casashell.typing import FloatArray
 

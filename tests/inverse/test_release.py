@@ -14,7 +14,7 @@ from casashell.inverse.piece import split
 from casashell.inverse.release import release
 from casashell.inverse.step_two import step_two
 from casashell.problem import Problem
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.typing import FloatArray
 
 

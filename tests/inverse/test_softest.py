@@ -18,7 +18,7 @@ from casashell.inverse.softest import RESOLUTION, Softest, SoftestSearch
 from casashell.io.meshes import read_mesh
 from casashell.problem import Problem
 from casashell.result import Step
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 
 

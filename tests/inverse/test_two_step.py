@@ -13,7 +13,7 @@ from casashell.inverse.piece import Piece, split
 from casashell.inverse.two_step import PAPER, Continuation, TwoStepSolver
 from casashell.problem import Problem
 from casashell.result import Step
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 
 

@@ -19,7 +19,7 @@ from casashell.io.meshes import read_mesh
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.status import Status
 
 USED, USELESS = "started from the earlier natural shape", "no good start"

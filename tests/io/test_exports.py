@@ -18,7 +18,7 @@ from casashell.io.meshes import read_mesh
 from casashell.mesh import TriMesh
 from casashell.metric import Metric
 from casashell.result import Result
-from casashell.solve import solve
+from casashell.solving import solve
 from casashell.typing import AnyArray, FloatArray
 
 
