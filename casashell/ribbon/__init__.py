@@ -1,0 +1,1 @@
+"""Developable ribbons in ruling-bending coordinates (Pan, Huang and Bao 2016)."""
