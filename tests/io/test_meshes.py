@@ -283,3 +283,34 @@ def test_a_polygon_that_crosses_itself_still_gives_its_triangles() -> None:
     faces = triangulated(vertices, [(0, 1, 2, 3, 4)])
     assert len(faces) == 3
     assert set(faces.ravel().tolist()) == {0, 1, 2, 3, 4}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 4 3\n",
+        "o a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\n",
+        "v  0  0  0\nv 1 0 0 # corner\nv 0 1 0\n f 1 2 3\nf -3 -2 -1\n",
+        "v 0 0\nv 1 0 0 5\nv 0 1 0\nf 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\nf 1 2 3 3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+        "v 0 0 0\nv 1 0 x\nv 0 1 0\nf 1 2 3\n",
+    ],
+)
+def test_the_fast_obj_reader_says_what_the_careful_one_says(
+    tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from casashell.io import mesh_text
+
+    def read() -> object:
+        try:
+            soup = mesh_text.read_obj(path)
+        except ValueError as problem:
+            return str(problem)
+        return np.asarray(soup.points).tolist(), soup.polygons, soup.ignored
+
+    path = tmp_path / "mesh.obj"
+    path.write_text(text)
+    fast = read()
+    monkeypatch.setattr(mesh_text, "_plain_obj", lambda path: None)
+    assert fast == read()
