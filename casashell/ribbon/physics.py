@@ -1,0 +1,44 @@
+"""What the machine needs to know of a ribbon's physics: densities of one crease, quad or station."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import casadi as ca
+
+
+@dataclass(frozen=True, eq=False)
+class RibbonPhysics:
+    """SX functions (x (3,k), r (3,k), p (m,)) -> J over columns of the station table.
+
+    Columns of x, and the parameters p; c, b, t, n are a station's coordinates, points and normal:
+
+    sadowsky    (c)                       D, W, h, natural angle
+    wunderlich  (c, c, c)                 D, W, h, natural angle, length between the neighbours
+    rulings     (c)                       weight [J], slope wanted
+    gravity     (c, c, b, b, t, t)        rho, l, W, g (3)
+    guiding     (n)                       weight [J], normal wanted (3)
+    load        (c, c, b, b, t, t)        force (3), s, y, begin, l, W
+    attachment  (c, c, b, b, t, t)        multiplier (3), place wanted (3), s, y, begin, l, W
+    consistent  (c, c, b, b, t, t)        rho, l, W, h, abscissa, 26 numbers for each point
+    lumped      (b, t)                    mass, h, centre without forces (3)
+    linear_piece, hermite_piece           knots (4,), values (3,4) -> coefficients (3,4)
+    """
+
+    sadowsky: ca.Function
+    wunderlich: ca.Function
+    rulings: ca.Function
+    gravity: ca.Function
+    guiding: ca.Function
+    load: ca.Function
+    attachment: ca.Function
+    consistent: ca.Function
+    lumped: ca.Function
+    linear_piece: ca.Function
+    hermite_piece: ca.Function
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not isinstance(value, ca.Function):
+                raise ValueError(f"physics: {entry.name} must be a CasADi function, got {value!r}")

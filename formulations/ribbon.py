@@ -1,0 +1,23 @@
+"""All that makes a developable ribbon, for `casashell.ribbon`."""
+
+from __future__ import annotations
+
+from casashell.ribbon.physics import RibbonPhysics
+from formulations import ribbon_energy, ribbon_inertia
+
+
+def ribbon_physics() -> RibbonPhysics:
+    """Bending, gravity, loads and inertia of Pan 2016; `dataclasses.replace` changes one of them."""
+    return RibbonPhysics(
+        sadowsky=ribbon_energy.sadowsky(),
+        wunderlich=ribbon_energy.wunderlich(),
+        rulings=ribbon_energy.rulings(),
+        gravity=ribbon_energy.gravity(),
+        guiding=ribbon_energy.guiding(),
+        load=ribbon_energy.load(),
+        attachment=ribbon_energy.attachment(),
+        consistent=ribbon_inertia.consistent(),
+        lumped=ribbon_inertia.lumped(),
+        linear_piece=ribbon_inertia.linear_piece(),
+        hermite_piece=ribbon_inertia.hermite_piece(),
+    )
