@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -69,17 +70,26 @@ class Track:
         shown = np.broadcast_to(one, (frames, *one.shape))
         return Track(name, shown, np.asarray(faces), body=body)
 
-    @property
+    @cached_property
     def mesh(self) -> TriMesh:
         """The first frame."""
         return TriMesh(self.positions[0], self.faces)
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """Whether any vertex is elsewhere in a later frame."""
         if self.positions.strides[0] == 0:
             return False
         return bool(np.any(self.positions != self.positions[:1]))
+
+    @cached_property
+    def orientable(self) -> bool:
+        """Whether the faces agree on a front: not so on a Moebius band."""
+        try:
+            self.mesh.hinges  # noqa: B018  (refuses a seam)
+        except ValueError:
+            return False
+        return True
 
     def _check_rest(self) -> None:
         count = self.positions.shape[1]

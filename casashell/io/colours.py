@@ -16,6 +16,7 @@ NATURAL: Final = "#e0a95c"
 NATURAL_INSIDE: Final = "#b9833b"
 OBSTACLE: Final = "#c9c9c6"
 PINNED: Final = "#7a3fa0"
+CONTACT: Final = "#e2702a"
 TOO_MUCH: Final = "#d0021b"
 
 # Anchors (position, red, green, blue): blue for compressed, white for unchanged, red for dilated.

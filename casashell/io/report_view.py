@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from casashell.io.colours import (
     stretch_map,
 )
 from casashell.io.forces import BEYOND, force_arrows
+from casashell.io.packing import pack
 from casashell.io.placing import placed
 from casashell.io.tessellate import Region, Surface, cropped, sunk, tessellate, thinned
 from casashell.result import Result
@@ -63,11 +63,11 @@ def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]
     right, axis, front = directions(up)
     data = {
         "shell": _shell(surface, ids, natural, measured),
-        "edges": _pack(target.edges) if len(target.faces) <= _EDGED_FACES else None,
-        "rims": [_pack(target.vertices[np.append(loop, loop[0])]) for loop in _rims(result)],
+        "edges": pack(target.edges) if len(target.faces) <= _EDGED_FACES else None,
+        "rims": [pack(target.vertices[np.append(loop, loop[0])]) for loop in _rims(result)],
         "obstacles": obstacles,
         "arrows": arrows,
-        "pinned": _pack(target.vertices[result.pinned]),
+        "pinned": pack(target.vertices[result.pinned]),
         "maps": {
             "stretch": _map(stretch_map(measured.stretch_vertices), 100.0),
             "bend": _map(bending_map(measured.bend_vertices), math.degrees(1.0)),
@@ -84,7 +84,7 @@ def view_data(result: Result, up: Sequence[float]) -> tuple[str, tuple[str, ...]
         "up": [float(value) for value in axis],
         "eye": [float(value) for value in 0.45 * right + 0.25 * axis + 0.85 * front],
     }
-    data["arrows"] = {**arrows, "points": _pack(arrows["points"])}
+    data["arrows"] = {**arrows, "points": pack(arrows["points"])}
     return json.dumps(data, allow_nan=False, separators=(",", ":")), tuple(remarks)
 
 
@@ -92,12 +92,12 @@ def _shell(
     surface: Surface, ids: AnyArray, natural: FloatArray, measured: Strain
 ) -> dict[str, Any]:
     return {
-        "target": _pack(surface.vertices),
-        "natural": _pack(natural),
-        "faces": _pack(surface.faces),
-        "ids": _pack(ids),
-        "stretch": _pack(100.0 * measured.stretch_vertices[ids]),
-        "bend": _pack(np.degrees(measured.bend_vertices[ids])),
+        "target": pack(surface.vertices),
+        "natural": pack(natural),
+        "faces": pack(surface.faces),
+        "ids": pack(ids),
+        "stretch": pack(100.0 * measured.stretch_vertices[ids]),
+        "bend": pack(np.degrees(measured.bend_vertices[ids])),
     }
 
 
@@ -119,7 +119,7 @@ def _obstacles(result: Result, region: Region) -> tuple[list[dict[str, Any]], bo
         coarse = coarse or len(part.faces) < len(whole.faces)
         if len(part.faces):
             name = obstacle.name or f"obstacle {number}"
-            drawn.append({"name": name, "points": _pack(part.vertices), "faces": _pack(part.faces)})
+            drawn.append({"name": name, "points": pack(part.vertices), "faces": pack(part.faces)})
     return drawn, coarse
 
 
@@ -134,17 +134,17 @@ def _arrows(result: Result) -> tuple[dict[str, Any], bool]:
     tangential = np.linalg.norm(forces - normal[:, None] * contacts.normals[chosen], axis=1)
     packed = {
         "points": drawn.surface.vertices,
-        "faces": _pack(drawn.surface.faces),
+        "faces": pack(drawn.surface.faces),
         "perArrow": len(drawn.surface.vertices) // count,
         "facesPerArrow": len(drawn.surface.faces) // count,
         # JSON and WebGL know no infinity: a contact that pulls is simply far beyond its cone.
-        "use": _pack(np.minimum(100.0 * drawn.use, 1e6)),
+        "use": pack(np.minimum(100.0 * drawn.use, 1e6)),
         "limit": 100.0 * BEYOND,
-        "vertices": _pack(contacts.vertices[chosen]),
-        "normal": _pack(normal),
-        "tangential": _pack(tangential),
-        "friction": _pack(contacts.friction[chosen]),
-        "gap": _pack(contacts.gaps[chosen]),
+        "vertices": pack(contacts.vertices[chosen]),
+        "normal": pack(normal),
+        "tangential": pack(tangential),
+        "friction": pack(contacts.friction[chosen]),
+        "gap": pack(contacts.gaps[chosen]),
         "legend": drawn.legend,
     }
     return packed, len(chosen) < len(result.contacts)
@@ -164,11 +164,3 @@ def _box(*clouds: FloatArray) -> list[list[float]]:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 * float(np.linalg.norm(high - low))
     return [[float(a - margin), float(b + margin)] for a, b in zip(low, high)]
-
-
-def _pack(values: AnyArray) -> dict[str, Any]:
-    """Base64 of little-endian float32 or int32, with the number of columns."""
-    kind = "i4" if values.dtype.kind in "iu" else "f4"
-    flat = np.ascontiguousarray(values, dtype=f"<{kind}")
-    width = flat.shape[1] if flat.ndim == 2 else 1
-    return {"t": kind, "w": width, "d": base64.b64encode(flat.tobytes()).decode("ascii")}

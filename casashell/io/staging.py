@@ -73,3 +73,22 @@ def _temporary(folder: Path) -> Iterator[Path]:
         yield path
     finally:
         shutil.rmtree(path, ignore_errors=True)
+
+
+@contextmanager
+def staged_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """A name beside ``path``, with its suffix, that takes its place when the block ends well.
+
+    FileExistsError: ``path`` is there and ``overwrite`` is False.  NotADirectoryError: a file is in
+    the way.  On any error ``path`` is as it was.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder, not a file")
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} exists")
+    check_folder(path.parent, overwrite=True)
+    with _temporary(path.parent) as temporary:
+        written = temporary / path.name
+        yield written
+        path.parent.mkdir(parents=True, exist_ok=True)
+        written.replace(path)

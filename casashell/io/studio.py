@@ -44,6 +44,7 @@ class Layer:
     behind    give way where another layer touches this one, or cuts a little into it as flat
               faces between contacts on a round obstacle do
     bright    more colour and less shade, for small things
+    creases   shade each face by itself where normals jump: a one-sided band has such a seam
     """
 
     surface: Surface | TriMesh
@@ -53,6 +54,7 @@ class Layer:
     edges: bool = False
     behind: bool = False
     bright: bool = False
+    creases: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +138,7 @@ class Studio:
         ambient = 0.6 if layer.bright else 0.2 if plain else 0.42
         if not plain:
             surface.point_data["rgb"] = layer.colour
+        inside = {"color": layer.inside, "ambient": ambient, "diffuse": 1.05 - ambient}
         actor = self._plotter.add_mesh(
             surface,
             color=layer.colour if plain else None,
@@ -143,7 +146,7 @@ class Studio:
             rgb=not plain,
             opacity=layer.opacity,
             smooth_shading=True,
-            split_sharp_edges=layer.behind,
+            split_sharp_edges=layer.behind or layer.creases,
             feature_angle=40.0,
             show_edges=layer.edges and edge > _LEGIBLE * per_pixel,
             edge_color="#20262d",
@@ -152,7 +155,7 @@ class Studio:
             ambient=ambient,
             diffuse=1.05 - ambient,
             specular=0.04,
-            backface_params={"color": layer.inside} if layer.inside and plain else None,
+            backface_params=inside if layer.inside and plain else None,
             show_scalar_bar=False,
             reset_camera=False,
             render=False,
@@ -174,8 +177,22 @@ class Studio:
             )
 
     def _curves(self, curves: Curves) -> None:
-        for points in curves.lines:
-            self._plotter.add_lines(points, color=curves.colour, width=curves.width, connected=True)
+        """All lines as one object: hundreds of them would take hundreds of draw calls."""
+        if not curves.lines:
+            return
+        counts = [len(points) for points in curves.lines]
+        starts = np.cumsum([0, *counts[:-1]])
+        cells = [np.r_[count, start : start + count] for count, start in zip(counts, starts)]
+        lines = _pyvista().PolyData(np.concatenate(curves.lines), lines=np.concatenate(cells))
+        self._plotter.add_mesh(
+            lines,
+            color=curves.colour,
+            line_width=curves.width,
+            lighting=False,
+            show_scalar_bar=False,
+            reset_camera=False,
+            render=False,
+        )
 
 
 def _pyvista() -> Any:
