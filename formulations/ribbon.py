@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from casashell.ribbon.physics import RibbonPhysics
-from formulations import ribbon_energy, ribbon_inertia
+from formulations import ribbon_closing, ribbon_energy, ribbon_inertia
 
 
 def ribbon_physics() -> RibbonPhysics:
@@ -18,6 +18,9 @@ def ribbon_physics() -> RibbonPhysics:
         attachment=ribbon_energy.attachment(),
         consistent=ribbon_inertia.consistent(),
         lumped=ribbon_inertia.lumped(),
+        smooth=ribbon_closing.smooth(),
+        crease=ribbon_closing.crease(),
+        junction=ribbon_closing.junction(),
         linear_piece=ribbon_inertia.linear_piece(),
         hermite_piece=ribbon_inertia.hermite_piece(),
     )

@@ -22,6 +22,9 @@ class RibbonPhysics:
     attachment  (c, c, b, b, t, t)        multiplier (3), place wanted (3), s, y, begin, l, W
     consistent  (c, c, b, b, t, t)        rho, l, W, h, abscissa, 26 numbers for each point
     lumped      (b, t)                    mass, h, centre without forces (3)
+    smooth      (b, t, n, b, t, n)        multipliers (6), L: closes a ribbon with a flat junction
+    crease      (b, t, n, b, t, n)        multipliers (5), L: closes it with a crease
+    junction    (b, t, n, b, t, n)        D, W, h, natural angle, 1 for a loop or -1 for Moebius
     linear_piece, hermite_piece           knots (4,), values (3,4) -> coefficients (3,4)
     """
 
@@ -34,6 +37,9 @@ class RibbonPhysics:
     attachment: ca.Function
     consistent: ca.Function
     lumped: ca.Function
+    smooth: ca.Function
+    crease: ca.Function
+    junction: ca.Function
     linear_piece: ca.Function
     hermite_piece: ca.Function
 

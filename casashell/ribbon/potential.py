@@ -1,0 +1,97 @@
+"""Energy of one ribbon as a function of its unknowns, and conditions on it: a `Program`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casashell.ribbon.conditions import Condition, Far, table_rows
+from casashell.ribbon.coordinates import Coordinates
+from casashell.ribbon.program import Program
+from casashell.ribbon.terms import Term, Terms
+from casashell.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Potential:
+    """Sum of terms, divided by ``unit`` [J], over the unknowns of ``coordinates``.
+
+    terms       of neighbouring stations
+    far         of one stencil each, whose stations may be anywhere
+    conditions  C = 0
+    """
+
+    coordinates: Coordinates
+    terms: Terms
+    unit: float
+    far: tuple[Term, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+
+    def energy(self, z: FloatArray) -> float:
+        """Sum of all terms [J]."""
+        table = self.coordinates.strip(z).table
+        return self.terms.energy(table) + sum(
+            float(term.run("energy", table)[0].sum()) for term in self.far
+        )
+
+    def objective(self, z: FloatArray) -> tuple[float, FloatArray]:
+        """Value and gradient (n,), both over the unit."""
+        shape = self.coordinates.strip(z)
+        table = shape.table
+        value, gradient = self.terms.energy(table), self.terms.gradient(table)
+        for term in self.far:
+            value += float(term.run("energy", table)[0].sum())
+            gradient[term.stencils[0]] += term.run("gradient", table)[0].reshape(-1, 3)
+        full = self.coordinates.placed(z, shape).gradient(gradient)
+        return value / self.unit, self.coordinates.rows(full) / self.unit
+
+    def hessian(self, z: FloatArray, multipliers: FloatArray) -> FloatArray:
+        """(n,n) second derivative of objective + multipliers . C."""
+        shape = self.coordinates.strip(z)
+        placed = self.coordinates.placed(z, shape)
+        gradient, buffer = self.terms.second(shape.table)
+        apart = [Far.of(term, shape.table) for term in self.far]
+        apart += [Far.of(term, shape.table) for term in self._weighed(multipliers * self.unit)]
+        for far in apart:
+            np.add.at(gradient, far.rows, far.gradient.reshape(-1, 3))
+        full = placed.hessian(gradient, *self.terms.layout.split(buffer))
+        for far in apart:
+            rows = table_rows(placed, far.rows)
+            full += rows.T @ far.hessian @ rows
+        return self.coordinates.hessian(full) / self.unit
+
+    def _weighed(self, multipliers: FloatArray) -> list[Term]:
+        made, first = [], 0
+        for condition in self.conditions:
+            made.append(condition.weighed(multipliers[first : first + condition.count]))
+            first += condition.count
+        return made
+
+    def equalities(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """C (m,) and its derivative (m,n)."""
+        if not self.conditions:
+            return np.empty(0), np.empty((0, len(z)))
+        shape = self.coordinates.strip(z)
+        placed = self.coordinates.placed(z, shape)
+        values = [c.values(shape.table) for c in self.conditions]
+        slopes = [c.slopes(shape.table) @ table_rows(placed, c.rows) for c in self.conditions]
+        return np.concatenate(values), self.coordinates.rows(np.concatenate(slopes))
+
+    def program(self, start: FloatArray, *, second: bool = True) -> Program:
+        """The program of least energy from ``start`` (n,)."""
+        space = self.coordinates
+        return Program(
+            start=start,
+            lower=space.lower,
+            upper=space.upper,
+            objective=self.objective,
+            hessian=self.hessian if second else None,
+            equalities=self.equalities,
+            matrix=space.matrix,
+            bound=space.bound,
+        )
+
+    def with_terms(self, *more: Term) -> Potential:
+        """The same with more terms of neighbouring stations."""
+        return replace(self, terms=self.terms.with_terms(more))
