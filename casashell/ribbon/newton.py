@@ -1,0 +1,114 @@
+"""Newton's method on a box with the exact Hessian, for the augmented Lagrangian.
+
+Unknowns at a bound that the gradient pushes against stay there; the others move along the Newton
+direction, projected onto the box (Bertsekas 1982).  Where the Hessian is not positive definite a
+multiple of its diagonal is added, and kept as long as it is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from casashell.ribbon.augmented import Inner, Lagrangian, Schedule
+from casashell.ribbon.program import Program, Stop
+from casashell.typing import BoolArray, FloatArray
+
+_ARMIJO = 1e-4
+_FIRST_SHIFT, _LAST_SHIFT = 1e-6, 1e8
+#: Backtracking steps; beyond them the step is too small to change anything.
+_TRIALS = 40
+#: Changes of the objective below this many units of rounding mean nothing.
+_ROUNDING = 64 * np.finfo(float).eps
+
+
+@dataclass(eq=False)
+class _Direction:
+    """Newton directions, with the shift of the diagonal they needed."""
+
+    shift: float = 0.0
+
+    def of(self, hessian: FloatArray, gradient: FloatArray, free: BoolArray) -> FloatArray:
+        """(n,) descent direction, zero for unknowns that are not free."""
+        h = hessian[np.ix_(free, free)]
+        size = np.abs(np.diag(h))
+        size = np.maximum(size, 1e-8 * size.max(initial=1e-300))
+        made = np.zeros(len(gradient))
+        self.shift = 0.0 if self.shift < 4 * _FIRST_SHIFT else self.shift / 4
+        while True:
+            try:
+                factor = cho_factor(h + np.diag(self.shift * size), lower=True, check_finite=False)
+            except LinAlgError:
+                self.shift = max(_FIRST_SHIFT, 4 * self.shift)
+                if self.shift > _LAST_SHIFT:
+                    made[free] = -gradient[free] / size
+                    return made
+                continue
+            made[free] = -cho_solve(factor, gradient[free], check_finite=False)
+            return made
+
+
+def _free(program: Program, z: FloatArray, gradient: FloatArray) -> BoolArray:
+    near = min(1e-6, program.projected(z, gradient))
+    held = (z <= program.lower + near) & (gradient > 0)
+    held |= (z >= program.upper - near) & (gradient < 0)
+    return ~held
+
+
+def newton(function: Lagrangian, start: FloatArray, gradient: float, schedule: Schedule) -> Inner:
+    """Minimum on the box until the projected gradient is below ``gradient``; see `Minimiser`."""
+    program, direction = function.program, _Direction()
+    z = program.clipped(start)
+    value, slope = function(z)
+    evaluations = 1
+    for iteration in range(schedule.inner + 1):
+        if not (np.isfinite(value) and np.all(np.isfinite(slope))):
+            return Inner(z, iteration, evaluations, Stop.NONFINITE)
+        if program.projected(z, slope) <= gradient:
+            return Inner(z, iteration, evaluations, Stop.CONVERGED)
+        if iteration == schedule.inner:
+            break
+        hessian = function.hessian(z)
+        if not np.all(np.isfinite(hessian)):
+            return Inner(z, iteration, evaluations, Stop.NONFINITE)
+        d = direction.of(hessian, slope, _free(program, z, slope))
+        found = _search(function, z, value, slope, d)
+        evaluations += found.evaluations
+        if not found.success:
+            return Inner(z, iteration, evaluations, Stop.DECREASE)
+        z, value, slope = found.z, found.value, found.slope
+    return Inner(z, schedule.inner, evaluations, Stop.INNER_LIMIT)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    z: FloatArray
+    value: float
+    slope: FloatArray
+    evaluations: int
+    success: bool
+
+
+def _search(
+    function: Lagrangian, z: FloatArray, value: float, slope: FloatArray, d: FloatArray
+) -> _Found:
+    """Backtracking along the projected direction.
+
+    In the last digits, where values tell nothing, a step that shrinks the gradient is taken.
+    """
+    program, step = function.program, 1.0
+    blind = _ROUNDING * max(abs(value), 1.0)
+    before = program.projected(z, slope)
+    for trial in range(1, _TRIALS + 1):
+        new = program.clipped(z + step * d)
+        expected = float(slope @ (new - z))
+        got, gradient = function(new)
+        if np.isfinite(got) and np.all(np.isfinite(gradient)):
+            lower = got <= value + _ARMIJO * min(expected, 0.0) and got < value - blind
+            smaller = abs(got - value) <= blind and program.projected(new, gradient) < before
+            if lower or smaller:
+                return _Found(new, got, gradient, trial, True)
+        step *= 0.5
+    return _Found(z, value, slope, _TRIALS, False)
