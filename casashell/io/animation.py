@@ -131,7 +131,7 @@ class Track:
             isinstance(want, str) or want == have for want, have in zip(shape, array.shape)
         )
         if not fits:
-            wanted = ", ".join(str(size) for size in shape)
+            wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
             raise ValueError(
                 f"track '{self.name}': {what} must have shape ({wanted}), got {array.shape}"
             )

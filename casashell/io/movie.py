@@ -21,7 +21,7 @@ from casashell.io.studio import Curves, Dots, Layer, PicturesUnavailable, Studio
 from casashell.io.tessellate import Surface
 from casashell.typing import AnyArray, FloatArray
 
-_INSTALL: Final = "pip install av, or install casashell with the extra 'viz'"
+_INSTALL: Final = "pip install av pyvista matplotlib pillow, or casashell with the extra 'viz'"
 _SUFFIXES: Final = (".mp4", ".gif")
 _INK: Final = "#23272e"
 _SOFT: Final = "#5d6672"
@@ -90,6 +90,7 @@ def write_movie(
     shown = picked_frames(animation, rate, speed)
     film_kind = _Gif if gif else _Mp4
     title = _Title(animation, height)
+    _check_pyvista()
     with staged_file(file, overwrite=overwrite) as temporary, film_kind(temporary, rate) as film:
         for count, picture in enumerate(_pictures(animation, shown, height, contacts)):
             film.add(title.over(picture, int(shown[count])))
@@ -144,6 +145,13 @@ def _lifted(points: FloatArray, camera: Camera) -> FloatArray:
     distance = np.linalg.norm(camera.position - camera.focus)
     lifted: FloatArray = points + (_LIFT * camera.size / distance) * (camera.position - points)
     return lifted
+
+
+def _check_pyvista() -> None:
+    try:
+        import pyvista  # noqa: F401  (imported by the studio, once the file is open)
+    except ImportError as error:
+        raise MovieUnavailable(f"films need pyvista ({error}): {_INSTALL}") from error
 
 
 @dataclass(eq=False)
