@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 import weakref
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import casadi as ca
 import cffi
@@ -43,6 +44,11 @@ def _library() -> Path:
     raise OSError("CasADi's package has no MUMPS library")
 
 
+#: Unknowns from which several threads pay: the dense blocks of smaller matrices are too small, and
+#: threads that wait for each other take the processor from everybody else.
+_MANY: Final = 20_000
+
+
 @cache
 def _open() -> tuple[cffi.FFI, Any]:
     """The library and its declarations; raises OSError when either is missing."""
@@ -60,6 +66,23 @@ def _open() -> tuple[cffi.FFI, Any]:
     ffi = cffi.FFI()
     ffi.cdef(_TYPES + struct + "\nvoid dmumps_c(DMUMPS_STRUC_C *);")
     return ffi, ffi.dlopen(str(_library()))
+
+
+@cache
+def _threads() -> tuple[Callable[[int], None], int]:
+    """Sets the threads of the BLAS that MUMPS calls; how many it has by default.
+
+    Does nothing where CasADi's package brings another BLAS.
+    """
+    ffi = cffi.FFI()
+    ffi.cdef("void openblas_set_num_threads(int); int openblas_get_num_threads(void);")
+    for path in sorted(_folder().glob("libcasadi-tp-openblas.so.*")):
+        try:
+            blas = ffi.dlopen(str(path))
+            return blas.openblas_set_num_threads, int(blas.openblas_get_num_threads())
+        except (OSError, AttributeError):
+            continue
+    return lambda count: None, 1
 
 
 def _finish(library: Any, state: Any) -> None:
@@ -104,7 +127,12 @@ class Mumps:
 
     def _run(self, job: int) -> int:
         self._state.job = job
-        self._library.dmumps_c(self._state)
+        set_threads, usual = _threads()
+        set_threads(1 if self._size < _MANY else usual)
+        try:
+            self._library.dmumps_c(self._state)
+        finally:
+            set_threads(usual)
         return int(self._state.infog[0])
 
     def factor(self, data: FloatArray) -> None:

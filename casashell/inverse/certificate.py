@@ -31,19 +31,24 @@ ROUNDING = 1e-12
 #: SciPy's SuperLU takes over-long above this many degrees of freedom; MUMPS serves there.
 _SUPERLU_LIMIT = 12_000
 _IMAGINARY = 1e-30
+#: Stencils at a time: their arrays stay in the processor's cache.
+_BATCH = 4096
 #: Differences on the two sides of a point that differ by this factor: one of them met a jump.
 _JUMP = 1e3
 
 Plain: TypeAlias = Callable[[AnyArray], AnyArray]
 
 
-def _plain(term: Energy, x: FloatArray, r: FloatArray) -> tuple[AnyArray, Plain | None]:
-    """Positions of the stencils (3k,S), and the term's NumPy form as a function of them."""
-    now = np.ascontiguousarray(x[term.stencils].reshape(-1, 3 * term.size).T)
+def _plain(
+    term: Energy, x: FloatArray, r: FloatArray, some: slice = slice(None)
+) -> tuple[AnyArray, Plain | None]:
+    """Positions of ``some`` stencils (3k,S), and the term's NumPy form as a function of them."""
+    stencils = term.stencils[some]
+    now = np.ascontiguousarray(x[stencils].reshape(-1, 3 * term.size).T)
     if term.reference is None:
         return now, None
-    rest = np.ascontiguousarray(np.moveaxis(r[term.stencils], 0, 2))
-    energy = term.reference(rest, np.ascontiguousarray(term.params.T))
+    rest = np.ascontiguousarray(np.moveaxis(r[stencils], 0, 2))
+    energy = term.reference(rest, np.ascontiguousarray(term.params[some].T))
     return now, lambda flat: energy(flat.reshape(term.size, 3, -1))
 
 
@@ -63,14 +68,25 @@ def stencil_forces(term: Energy, x: FloatArray, r: FloatArray) -> FloatArray:
 
 def stencil_stiffness(term: Energy, x: FloatArray, r: FloatArray, length: float) -> FloatArray:
     """d2E/dx2 of every stencil (S,3k,3k): complex step in one variable, differences in the other."""
-    step = 1e-5 * _thickness(x[term.stencils], length)
-    now, energy = _plain(term, x, r)
-    size = len(now)
-    if energy is None:
+    size, count = 3 * term.size, len(term.stencils)
+    if term.reference is None:
         return _interpreted(term, x, r, second=True).reshape(-1, size, size)
-    made = np.zeros((len(term.stencils), size, size))
+    made = np.empty((count, size, size))
+    for first in range(0, count, _BATCH):
+        some = slice(first, first + _BATCH)
+        now, energy = _plain(term, x, r, some)
+        if energy is not None:
+            step = 1e-5 * _thickness(x[term.stencils[some]], length)
+            made[some] = _stiffness(now, energy, step)
+    return made
+
+
+def _stiffness(now: AnyArray, energy: Plain, step: FloatArray) -> FloatArray:
+    """d2E/dx2 (S,3k,3k) at ``now`` (3k,S) by differences over ``step`` (S,)."""
+    size = len(now)
+    made = np.empty((size, size, now.shape[1]))
+    shifted = now.astype(np.complex128)
     for i in range(size):
-        shifted = now.astype(np.complex128)
         shifted[i] += 1j * _IMAGINARY
         here = energy(shifted).imag
         for j in range(i + 1):
@@ -79,9 +95,10 @@ def stencil_stiffness(term: Energy, x: FloatArray, r: FloatArray, length: float)
             ahead = energy(shifted).imag - here
             shifted[j] = centre - step
             behind = here - energy(shifted).imag
-            made[:, i, j] = made[:, j, i] = _central(ahead, behind) / (step * _IMAGINARY)
+            made[i, j] = made[j, i] = _central(ahead, behind) / (step * _IMAGINARY)
             shifted[j] = centre
-    return made
+        shifted[i] = now[i]
+    return np.moveaxis(made, 2, 0)
 
 
 def _central(ahead: AnyArray, behind: AnyArray) -> AnyArray:
@@ -154,14 +171,15 @@ def stiffness_matrix(
 ) -> sp.csr_array:
     """d2E/dx2 (3V,3V) [N/m]; ``length`` sets the difference step."""
     size = x.size
-    rows: list[IntArray] = []
-    columns: list[IntArray] = []
+    rows: list[AnyArray] = []
+    columns: list[AnyArray] = []
     values: list[FloatArray] = []
     for term in energies:
         if not len(term.stencils):
             continue
         block = stencil_stiffness(term, x, r, length)
         dofs = (3 * term.stencils[:, :, None] + np.arange(3)).reshape(len(block), -1)
+        dofs = dofs.astype(np.int32)  # half the memory, and what SciPy works in
         rows.append(np.broadcast_to(dofs[:, :, None], block.shape).ravel())
         columns.append(np.broadcast_to(dofs[:, None, :], block.shape).ravel())
         values.append(block.ravel())

@@ -2,19 +2,21 @@
 
 A ladder, cheapest first; the first rung whose answer is stable with strict cones wins:
   0. the natural shape and forces of an earlier answer, where one is given;
-  1. projected bilateral reactions,
-  2. forces of least strain energy (the full stress program),
-  3. the same with stability cuts along the unstable directions found so far.
+  1. projected bilateral reactions, at full load at once where rung 2 is cheap,
+  2. forces of least strain energy (condensed to the contacts, or the full stress program),
+  3. the same with stability cuts along the unstable directions found so far,
+  4. projected reactions in small steps of the load, where rung 1 did not take them.
 Masses move with the natural shape, so the forces of a rung are rebalanced once or twice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casashell.inverse.compliance import MOST_CONTACTS, least_energy_forces
 from casashell.inverse.forces import (
     SHRINKS,
     Shrink,
@@ -33,7 +35,21 @@ from casashell.typing import FloatArray
 
 MASS_ROUNDS = 4
 MAX_CUT_ROUNDS = 6
+#: Vertices up to which the program on the contacts costs less than small steps of the load.
+MOST_VERTICES = 3000
 EARLIER = "earlier natural shape"
+
+#: Contact forces (C,3) [N] that balance loads (n,3) [N]; None when there are none.
+ForceChoice = Callable[[FloatArray], "FloatArray | None"]
+
+
+@dataclass(frozen=True)
+class _Rung:
+    """A way to choose the contact forces; ``brief``: only the full load at once is tried."""
+
+    name: str
+    choose: ForceChoice
+    brief: bool = False
 
 
 class DirectSolver:
@@ -68,8 +84,8 @@ class DirectSolver:
         needed = self.piece.loads.any() and len(self.path.dofs) > 0
         if self.guess is not None and needed and self._resume(self.guess):
             return self.best
-        for name, forces in self._rungs():
-            outcome = self._invert(name, forces)
+        for rung in self._rungs():
+            outcome = self._invert(rung)
             if outcome.good or outcome.rank > self.best.rank or self.best.rung == "start":
                 self.best = outcome
             if outcome.good:
@@ -135,11 +151,11 @@ class DirectSolver:
             return self.best
         return replace(self.best, rest=point.rest, load=point.load, residual=point.residual)
 
-    def _rungs(self) -> Iterator[tuple[str, ForceChoice]]:
+    def _rungs(self) -> Iterator[_Rung]:
         piece = self.piece
         if len(piece.contacts.vertices) == 0 or not piece.loads.any():
             nothing = np.zeros((len(piece.contacts.vertices), 3))
-            yield "no contact forces", lambda loads: nothing
+            yield _Rung("no contact forces", lambda loads: nothing)
             return
         wanted = bilateral_reactions(piece)
         tried = None
@@ -149,24 +165,42 @@ class DirectSolver:
                 break
         if tried is None:
             return  # no rigid balance: no other program can find one either
-        yield "projected reactions", lambda loads: project_reactions(piece, wanted, loads, shrink)
         program = StressProgram(piece)
-        if not program.complete:
+        cheap = program.complete and len(piece.contacts.vertices) <= MOST_CONTACTS
+        brief = cheap and len(piece.target) <= MOST_VERTICES
+        projected = _Rung(
+            "projected reactions",
+            lambda loads: project_reactions(piece, wanted, loads, shrink),
+            brief,
+        )
+        yield projected
+        stopped = self.last.load < 1.0
+        if program.complete:
+            yield from self._least_energy(program, shrink, cheap)
+        else:
             self.notes.append("no stress program: not every energy has a strain measure")
-            return
+        if brief and stopped:
+            yield replace(projected, brief=False)
+
+    def _least_energy(self, program: StressProgram, shrink: Shrink, cheap: bool) -> Iterator[_Rung]:
+        """Forces of least strain energy, and again with more and more stability cuts."""
+        piece = self.piece
         self.report(Step("stress program", 0.0, 0, np.nan, 0.0))
         cuts: list[FloatArray] = []
         delta = 0.0
         for round_ in range(MAX_CUT_ROUNDS):
-            stress = program.solve(shrink, cuts, delta)
-            if stress is None:
+            forces = least_energy_forces(piece, shrink) if cheap and not cuts else None
+            if forces is None:
+                stress = program.solve(shrink, cuts, delta)
+                forces = None if stress is None else stress.contact_forces
+            if forces is None:
                 self.notes.append(
                     "the stress program has no solution"
                     + (" that is stable: the material is too soft" if cuts else "")
                 )
                 return
-            name = "stress program" + (f" with {len(cuts)} stability cuts" if cuts else "")
-            yield name, _rebalanced(piece, stress.contact_forces, shrink)
+            name = "least energy" + (f" with {len(cuts)} stability cuts" if cuts else "")
+            yield _Rung(name, _rebalanced(piece, forces, shrink))
             if not self.last.balanced:
                 return  # too soft for least energy: cuts only ask for more
             cuts += self._cut_directions(round_)
@@ -181,16 +215,16 @@ class DirectSolver:
         )
         return [mode.reshape(-1, 3) for mode in modes.T]
 
-    def _invert(self, name: str, choose: ForceChoice) -> Outcome:
+    def _invert(self, rung: _Rung) -> Outcome:
         """Follow the load path with the forces of one rung, rebalanced as the masses move."""
-        piece = self.piece
+        piece, name, choose = self.piece, rung.name, rung.choose
         loads, point = piece.loads, None
         outcome: Outcome | None = None
         for round_ in range(MASS_ROUNDS):
             forces = choose(loads)
             if forces is None:
                 break
-            point = self.path.follow(piece.spread(forces), point)
+            point = self.path.follow(piece.spread(forces), point, brief=rung.brief)
             outcome = judged(
                 piece, point.rest, forces, name, load=point.load, residual=point.residual
             )
@@ -200,9 +234,6 @@ class DirectSolver:
                 break
             loads = piece.assembly.nodal_loads(point.rest)
         return outcome if outcome is not None else starting_outcome(self.piece)
-
-
-ForceChoice = Callable[[FloatArray], "FloatArray | None"]
 
 
 def _rebalanced(piece: Piece, forces: FloatArray, shrink: Shrink) -> ForceChoice:

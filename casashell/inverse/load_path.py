@@ -179,8 +179,13 @@ class LoadPath:
             return best
         return best if best.residual <= self.rounding else None
 
-    def follow(self, forces: FloatArray, start: PathPoint | None = None) -> PathPoint:
-        """Raise the load to 1 with forces (n,3) [N] at the contacts; the furthest point reached."""
+    def follow(
+        self, forces: FloatArray, start: PathPoint | None = None, *, brief: bool = False
+    ) -> PathPoint:
+        """Raise the load to 1 with forces (n,3) [N] at the contacts; the furthest point reached.
+
+        brief  give up where the full load is not reached at once
+        """
         target = self.piece.target
         d = self.border.shape[1]
         spent = self.factorizations + BUDGET
@@ -195,6 +200,8 @@ class LoadPath:
             load = min(1.0, point.load + step)
             guess, correction = _ahead(before, point, load)
             reached = self.newton(guess, correction, forces, load, TIGHT if load == 1.0 else LOOSE)
+            if reached is None and brief:
+                return point
             if reached is None:
                 step /= 4.0 if step == 1.0 else 2.0
                 continue
