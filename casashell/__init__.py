@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from casashell.contact.detect import Contacts
     from casashell.contact.mesh_obstacle import MeshObstacle
     from casashell.contact.obstacles import Capsule, Cone, Cylinder, Obstacle, Plane, Sphere
+    from casashell.dynamics.motion import MeshSequence, Motion, RigidMotion
+    from casashell.dynamics.simulate import Damping, simulate
+    from casashell.dynamics.simulation import Simulation, SimulationStatus
     from casashell.engine.codegen import codegen
     from casashell.engine.energy import Energy
     from casashell.inverse.feasibility import Feasibility, Verdict, feasibility
@@ -31,12 +34,15 @@ __all__ = [
     "Cone",
     "Contacts",
     "Cylinder",
+    "Damping",
     "Energy",
     "Feasibility",
     "Finding",
     "MaterialRange",
     "MeshError",
     "MeshObstacle",
+    "MeshSequence",
+    "Motion",
     "NotConverged",
     "Obstacle",
     "Plane",
@@ -44,6 +50,9 @@ __all__ = [
     "Quality",
     "Repair",
     "Result",
+    "RigidMotion",
+    "Simulation",
+    "SimulationStatus",
     "Sphere",
     "Status",
     "Step",
@@ -55,6 +64,7 @@ __all__ = [
     "material_range",
     "read_mesh",
     "repaired",
+    "simulate",
     "solve",
     "validate",
     "write_mesh",
@@ -65,6 +75,9 @@ _PLACES = {
     "casashell.contact.detect": ("Contacts",),
     "casashell.contact.mesh_obstacle": ("MeshObstacle",),
     "casashell.contact.obstacles": ("Capsule", "Cone", "Cylinder", "Obstacle", "Plane", "Sphere"),
+    "casashell.dynamics.motion": ("MeshSequence", "Motion", "RigidMotion"),
+    "casashell.dynamics.simulate": ("Damping", "simulate"),
+    "casashell.dynamics.simulation": ("Simulation", "SimulationStatus"),
     "casashell.engine.codegen": ("codegen",),
     "casashell.engine.energy": ("Energy",),
     "casashell.inverse.feasibility": ("Feasibility", "Verdict", "feasibility"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from casashell.contact.detect import Contacts
+from casashell.engine.energy import Energy
 from casashell.mesh import TriMesh
 from casashell.metric import Metric
 from casashell.status import Status
@@ -76,6 +77,7 @@ class Result:
     metric           natural lengths, angles and areas, when they were asked for.  Where it is not
                      embedded no mesh has them: then ``forces`` and the certificate are those of the
                      metric, and ``rest`` is the nearest mesh, good for pictures only
+    energies         those of the problem, for `casashell.simulate`; results read from files have none
     """
 
     status: Status
@@ -100,6 +102,7 @@ class Result:
     timings: Mapping[str, float] = field(default_factory=dict)
     contact_tolerance: float | None = None
     metric: Metric | None = None
+    energies: tuple[Energy, ...] = field(default=(), compare=False, repr=False)
 
     @property
     def natural(self) -> str:

@@ -251,6 +251,7 @@ def _finish(run: _Run) -> Result:
         factorizations=sum(s.factorizations for s in run.solvers),
         timings=dict(run.timings),
         metric=metric,
+        energies=problem.energies,
     )
 
 
