@@ -256,8 +256,7 @@ def _touching(
     along = gap + np.einsum("ni,ni->n", normal, last - at)
     new = hit & (along < (1.0 - _NEW) * half)
     inside = ~new & (shape.signed_distance(last)[0] < HIT * half)
-    keep: BoolArray = new | inside
-    return np.where(inside[:, None], last, at), keep
+    return np.where(inside[:, None], last, at), np.asarray(new | inside)
 
 
 def _reachable(shape: Obstacle, start: FloatArray, last: FloatArray, half: FloatArray) -> BoolArray:
@@ -267,8 +266,7 @@ def _reachable(shape: Obstacle, start: FloatArray, last: FloatArray, half: Float
         return np.ones(len(start), dtype=np.bool_)
     low = np.minimum(start, last) - half[:, None]
     high = np.maximum(start, last) + half[:, None]
-    result: BoolArray = ((high >= box[0]) & (low <= box[1])).all(axis=1)
-    return result
+    return np.asarray(((high >= box[0]) & (low <= box[1])).all(axis=1))
 
 
 def _march(

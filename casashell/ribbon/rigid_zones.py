@@ -35,8 +35,7 @@ def rigid_zones(detector: Detector, positions: FloatArray) -> FloatArray:
     x = positions
     for number in range(2 * _ROUNDS):
         rows = Rows.joined([detector.pair_rows(x, zone), detector.obstacle_rows(x, deeper=True)])
-        free: BoolArray = bodies.free[rows.vertices].any(axis=1)
-        rows = rows.subset(free)
+        rows = rows.subset(np.flatnonzero(bodies.free[rows.vertices].any(axis=1)))
         if len(rows) == 0:
             return x
         zone = _merged(zone, rows.vertices, bodies.owner if number >= _ROUNDS else None)
