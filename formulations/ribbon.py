@@ -20,6 +20,7 @@ def ribbon_physics() -> RibbonPhysics:
         lumped=ribbon_inertia.lumped(),
         smooth=ribbon_closing.smooth(),
         crease=ribbon_closing.crease(),
+        held=ribbon_closing.held(),
         junction=ribbon_closing.junction(),
         linear_piece=ribbon_inertia.linear_piece(),
         hermite_piece=ribbon_inertia.hermite_piece(),

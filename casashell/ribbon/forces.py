@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -85,15 +86,31 @@ def guiding(
     return Term(physics.guiding, 4 * which[:, None] + NORMAL, params)
 
 
-def load(ribbon: Ribbon, physics: RibbonPhysics, s: float, y: float, force: ArrayLike) -> Term:
+@dataclass(frozen=True, eq=False)
+class PointLoad:
     """Dead force (3,) [N] at the material point (s, y): s from the begin, y from the centreline [m]."""
-    quad, place = material(ribbon, s, y)
-    params = np.concatenate([vector("force", force), place])[None]
+
+    s: float
+    y: float
+    force: ArrayLike
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force", vector("force", self.force))
+
+
+def load(
+    ribbon: Ribbon, physics: RibbonPhysics, point: PointLoad, slopes: FloatArray | None = None
+) -> Term:
+    """The load, on the quad that holds its point when the rulings have ``slopes`` (N+1,)."""
+    quad, place = material(ribbon, point.s, point.y, slopes)
+    params = np.concatenate([np.asarray(point.force), place])[None]
     return Term(physics.load, quads(ribbon.segments)[quad : quad + 1], params)
 
 
-def material(ribbon: Ribbon, s: float, y: float) -> tuple[int, FloatArray]:
-    """Quad that holds a material point at the centreline, and (s, y, begin, l, W).
+def material(
+    ribbon: Ribbon, s: float, y: float, slopes: FloatArray | None = None
+) -> tuple[int, FloatArray]:
+    """Quad that holds a material point, and (s, y, begin, l, W); slopes (N+1,), None for all 0.
 
     Raises ValueError for a point outside of the strip.
     """
@@ -103,8 +120,10 @@ def material(ribbon: Ribbon, s: float, y: float) -> tuple[int, FloatArray]:
             f"material point ({s:g}, {y:g}) lies outside of the strip: s within 0 and "
             f"{ribbon.length:g}, y within {-half:g} and {half:g}"
         )
-    quad = min(int(s / ribbon.segment), ribbon.segments - 1)
-    return quad, np.array([s, y, quad * ribbon.segment, ribbon.segment, ribbon.width])
+    begins = ribbon.segment * np.arange(ribbon.segments)
+    crossed = begins if slopes is None else begins + slopes[:-1] * y
+    quad = max(int(np.searchsorted(crossed, s, side="right")) - 1, 0)
+    return quad, np.array([s, y, begins[quad], ribbon.segment, ribbon.width])
 
 
 def elastic(ribbon: Ribbon, physics: RibbonPhysics) -> tuple[Term, ...]:
@@ -119,3 +138,10 @@ def vector(name: str, value: ArrayLike) -> FloatArray:
     if made.shape != (3,) or not np.all(np.isfinite(made)):
         raise ValueError(f"{name} must be three finite numbers, got {value!r}")
     return made
+
+
+def junction(ribbon: Ribbon, physics: RibbonPhysics) -> Term:
+    """Bending of the crease where the ends of a closed ribbon are joined."""
+    side = -1.0 if ribbon.ends == "moebius" else 1.0
+    row = np.array([ribbon.stiffness, ribbon.width, ribbon.segment, 0.0, side])
+    return Term(physics.junction, ends(ribbon.segments), row[None])

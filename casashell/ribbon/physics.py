@@ -24,6 +24,7 @@ class RibbonPhysics:
     lumped      (b, t)                    mass, h, centre without forces (3)
     smooth      (b, t, n, b, t, n)        multipliers (6), L: closes a ribbon with a flat junction
     crease      (b, t, n, b, t, n)        multipliers (5), L: closes it with a crease
+    held        (b, t, n)                 multipliers (6), middle (3), frame (9), L: end in place
     junction    (b, t, n, b, t, n)        D, W, h, natural angle, 1 for a loop or -1 for Moebius
     linear_piece, hermite_piece           knots (4,), values (3,4) -> coefficients (3,4)
     """
@@ -39,6 +40,7 @@ class RibbonPhysics:
     lumped: ca.Function
     smooth: ca.Function
     crease: ca.Function
+    held: ca.Function
     junction: ca.Function
     linear_piece: ca.Function
     hermite_piece: ca.Function
