@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -16,39 +15,20 @@ from casashell.io.animation_camera import framing
 from casashell.io.animation_files import Progress
 from casashell.io.camera import Camera
 from casashell.io.colours import CONTACT, OBSTACLE, SHELL, SHELL_INSIDE
+from casashell.io.movie_files import INSTALL, Gif, MovieUnavailable, Mp4
 from casashell.io.staging import staged_file
-from casashell.io.studio import Curves, Dots, Layer, PicturesUnavailable, Studio
+from casashell.io.studio import Curves, Dots, Layer, Studio
 from casashell.io.tessellate import Surface
 from casashell.typing import AnyArray, FloatArray
 
-_INSTALL: Final = "pip install av pyvista matplotlib pillow, or casashell with the extra 'viz'"
 _SUFFIXES: Final = (".mp4", ".gif")
 _INK: Final = "#23272e"
 _SOFT: Final = "#5d6672"
-_LINE: Final = "#274f7d"
+_LINE: Final = "#1f3f66"
 # GIF counts in hundredths of a second, and players slow down what is shorter than two.
 _GIF_FPS: Final = 25.0
 # Lines are drawn this share of the picture's height nearer to the eye, out of their own surface.
 _LIFT: Final = 0.004
-
-
-class MovieUnavailable(PicturesUnavailable):
-    """A package that makes films is not installed; the message says how to get it."""
-
-
-class _Film(Protocol):
-    """Takes pictures one by one."""
-
-    def __enter__(self) -> _Film: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
-
-    def add(self, picture: AnyArray) -> None: ...
 
 
 def write_movie(
@@ -88,7 +68,7 @@ def write_movie(
     if not 64 <= height <= 4320:
         raise ValueError(f"height must be 64 to 4320 pixels, got {height}")
     shown = picked_frames(animation, rate, speed)
-    film_kind = _Gif if gif else _Mp4
+    film_kind = Gif if gif else Mp4
     title = _Title(animation, height)
     _check_pyvista()
     with staged_file(file, overwrite=overwrite) as temporary, film_kind(temporary, rate) as film:
@@ -132,10 +112,12 @@ def _layers(
     if track.body:
         yield Layer(surface, OBSTACLE, behind=True)
     else:
-        ruled = track.lines is not None
-        yield Layer(surface, SHELL, SHELL_INSIDE, edges=not ruled, creases=not track.orientable)
+        # Rulings need a bright ground; a band without a front has one colour.
+        ruled, front = track.lines is not None, track.orientable
+        inside = SHELL_INSIDE if front else ""
+        yield Layer(surface, SHELL, inside, edges=not ruled, bright=ruled, creases=not front)
     if track.lines is not None and track.lines.shape[1]:
-        yield Curves(tuple(_lifted(track.lines[frame], camera)), _LINE, 2.0)
+        yield Curves(tuple(_lifted(track.lines[frame], camera)), _LINE, 3.0)
     if contacts and track.contact is not None:
         yield Dots(_lifted(points[track.contact[frame]], camera), CONTACT, 7.0)
 
@@ -151,7 +133,7 @@ def _check_pyvista() -> None:
     try:
         import pyvista  # noqa: F401  (imported by the studio, once the file is open)
     except ImportError as error:
-        raise MovieUnavailable(f"films need pyvista ({error}): {_INSTALL}") from error
+        raise MovieUnavailable(f"films need pyvista ({error}): {INSTALL}") from error
 
 
 @dataclass(eq=False)
@@ -167,7 +149,7 @@ class _Title:
             from PIL import Image, ImageDraw, ImageFont
         except ImportError as error:
             raise MovieUnavailable(
-                f"films need pillow and matplotlib ({error}): {_INSTALL}"
+                f"films need pillow and matplotlib ({error}): {INSTALL}"
             ) from error
         self._image, self._draw = Image, ImageDraw
         small = max(round(0.024 * self.height), 9)
@@ -177,92 +159,12 @@ class _Title:
         """The picture with the words of a frame."""
         image = self._image.fromarray(picture)
         draw = self._draw.Draw(image)
-        edge, (width, height) = round(0.025 * self.height), image.size
+        edge, width = round(0.025 * self.height), image.width
         large, small = self._fonts
         clock = f"{self.animation.times[frame]:.2f} s"
         draw.text((edge, edge), self.animation.title, _INK, large)
         draw.text((width - edge, edge), clock, _SOFT, small, anchor="ra")
         if self.animation.captions:
-            caption = self.animation.captions[frame]
-            draw.text((edge, height - edge), caption, _SOFT, small, anchor="ld")
+            below = edge + round(1.5 * large.size)
+            draw.text((edge, below), self.animation.captions[frame], _SOFT, small)
         return np.asarray(image)
-
-
-class _Mp4:
-    """H.264 that plays everywhere: even sizes, 4:2:0, the index in front."""
-
-    def __init__(self, path: Path, fps: float) -> None:
-        try:
-            import av
-        except ImportError as error:
-            raise MovieUnavailable(f"MP4 needs PyAV ({error}): {_INSTALL}") from error
-        from fractions import Fraction
-
-        self._av, self._path = av, path
-        self._rate = Fraction(fps).limit_denominator(1001)
-        self._stream: Any = None
-
-    def __enter__(self) -> _Mp4:
-        options = {"movflags": "+faststart"}
-        self._file = self._av.open(str(self._path), "w", format="mp4", options=options)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is None and self._stream is not None:
-            self._file.mux(self._stream.encode())
-        self._file.close()
-
-    def add(self, picture: AnyArray) -> None:
-        height, width = (n - n % 2 for n in picture.shape[:2])
-        if self._stream is None:
-            options = {"crf": "20", "preset": "medium"}
-            self._stream = self._file.add_stream("libx264", rate=self._rate, options=options)
-            self._stream.width, self._stream.height = width, height
-            self._stream.pix_fmt = "yuv420p"
-        even = np.ascontiguousarray(picture[:height, :width])
-        self._file.mux(self._stream.encode(self._av.VideoFrame.from_ndarray(even, format="rgb24")))
-
-
-class _Gif:
-    """One palette for all pictures, that of the first: nothing flickers."""
-
-    def __init__(self, path: Path, fps: float) -> None:
-        from PIL import Image  # there, or the title would have said so
-
-        self._image, self._path, self._fps = Image, path, fps
-        self._pictures: list[Any] = []
-
-    def __enter__(self) -> _Gif:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is not None or not self._pictures:
-            return
-        # Hundredths of a second, rounded so that the sum stays right.
-        marks = np.rint(100.0 * np.arange(len(self._pictures) + 1) / self._fps)
-        self._pictures[0].save(
-            self._path,
-            save_all=True,
-            append_images=self._pictures[1:],
-            duration=[int(10 * step) for step in np.maximum(np.diff(marks), 2)],
-            loop=0,
-            optimize=False,
-        )
-
-    def add(self, picture: AnyArray) -> None:
-        image = self._image.fromarray(picture)
-        if not self._pictures:
-            self._pictures.append(image.quantize(256, dither=self._image.Dither.NONE))
-        else:
-            palette = self._pictures[0]
-            self._pictures.append(image.quantize(palette=palette, dither=self._image.Dither.NONE))

@@ -246,7 +246,7 @@ class View {
       gl.uniform3fv(put("front"), hex(surface.track.body ? palette.body : palette.shell));
       gl.uniform3fv(put("back"), hex(surface.track.body ? palette.body : palette.inside));
       gl.uniform3fv(put("contactColour"), hex(this.shows.contact ? palette.contact : palette.shell));
-      gl.uniform1f(put("ambient"), 0.34);
+      gl.uniform1f(put("ambient"), surface.track.body ? 0.3 : surface.lines ? 0.58 : 0.44);
       gl.uniform1i(put("twoTone"), surface.track.oneSided ? 0 : 1);
       gl.bindVertexArray(array);
       gl.drawArrays(gl.TRIANGLES, 0, surface.faces.length);

@@ -138,7 +138,7 @@ class Studio:
         ambient = 0.6 if layer.bright else 0.2 if plain else 0.42
         if not plain:
             surface.point_data["rgb"] = layer.colour
-        inside = {"color": layer.inside, "ambient": ambient, "diffuse": 1.05 - ambient}
+        inside = {"color": layer.inside, "ambient": ambient + 0.15, "diffuse": 1.05 - ambient}
         actor = self._plotter.add_mesh(
             surface,
             color=layer.colour if plain else None,
