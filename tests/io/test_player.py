@@ -122,12 +122,57 @@ def test_a_wrong_wish_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_a_browser_draws_it(tmp_path: Path, theme: str) -> None:
     image = pytest.importorskip("PIL.Image", reason="pillow is not installed (extra viz)")
+    animation = all_in_contact()
+    page = write_player(animation, tmp_path / "a.html")
+    browse(
+        page,
+        f"frame=2&theme={theme}",
+        "--window-size=900,600",
+        f"--screenshot={tmp_path / 'a.png'}",
+    )
+    with image.open(tmp_path / "a.png") as picture:
+        shown = np.asarray(picture.convert("RGB")).astype(int)
+    corner = shown[60, 5]
+    assert (corner.mean() > 200) == (theme == "light")
+    stage = shown[50:480, :590]
+    orange = (stage[..., 0] - stage[..., 2] > 40).sum()
+    assert orange > 2000  # cloth in contact
+    assert (np.abs(stage - corner).max(axis=2) > 20).sum() > 1.2 * orange  # the bodies too
+
+
+def test_keys_move_through_time(tmp_path: Path) -> None:
+    page = write_player(moving(frames=60), tmp_path / "a.html")
+    script = """<script>
+      const seen = [];
+      const root = document.documentElement.dataset;
+      const steps = ["ArrowRight", "ArrowRight", "End", "ArrowLeft", "Home", "ArrowLeft", "d", " "];
+      function next() {
+        seen.push(root.frame);
+        if (seen.length > 8) { root.seen = seen.join(" ") + " " + root.theme; return; }
+        const key = steps[seen.length - 1];
+        document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+        setTimeout(next, 100);
+      }
+      setTimeout(next, 100);
+    </script></body>"""
+    # A headless browser that prints the page draws no frames of its own.
+    clock = "<script>requestAnimationFrame = (f) => setTimeout(() => f(performance.now()), 10);</script>"
+    text = page.read_text().replace("<body>", f"<body>{clock}").replace("</body>", script)
+    page.write_text(text)
+    shown = browse(page, "frame=2&theme=light", "--dump-dom")
+    seen = re.findall(r'data-seen="([^"]*)"', shown)[0].split()
+    assert seen[:8] == ["2", "3", "4", "59", "58", "0", "0", "0"]
+    assert int(seen[8]) > 0  # it plays
+    assert seen[9] == "dark"
+    assert "data-failure" not in shown
+
+
+def browse(page: Path, fragment: str, *flags: str) -> str:
+    """What a headless browser prints for the page; skips without one."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
         pytest.skip("no chromium or google-chrome on this machine")
-    animation = all_in_contact()
-    page = write_player(animation, tmp_path / "a.html")
-    flags = [
+    usual = (
         "--headless",
         "--no-sandbox",
         "--disable-gpu",
@@ -138,21 +183,12 @@ def test_a_browser_draws_it(tmp_path: Path, theme: str) -> None:
         "--disable-background-networking",
         "--disable-component-update",
         "--disable-sync",
-        f"--user-data-dir={tmp_path / 'profile'}",
-        "--virtual-time-budget=2000",
-        "--window-size=900,600",
-        f"--screenshot={tmp_path / 'a.png'}",
-    ]
-    address = f"{page.as_uri()}#frame=2&theme={theme}"
-    subprocess.run([browser, *flags, address], check=True, capture_output=True, timeout=120)
-    with image.open(tmp_path / "a.png") as picture:
-        shown = np.asarray(picture.convert("RGB")).astype(int)
-    corner = shown[60, 5]
-    assert (corner.mean() > 200) == (theme == "light")
-    stage = shown[50:480, :590]
-    orange = (stage[..., 0] - stage[..., 2] > 40).sum()
-    assert orange > 2000  # cloth in contact
-    assert (np.abs(stage - corner).max(axis=2) > 20).sum() > 1.2 * orange  # the bodies too
+        f"--user-data-dir={page.parent / 'profile'}",
+        "--virtual-time-budget=3000",
+    )
+    command = [browser, *usual, *flags, f"{page.as_uri()}#{fragment}"]
+    done = subprocess.run(command, check=True, capture_output=True, timeout=120, text=True)
+    return done.stdout
 
 
 def all_in_contact() -> Animation:
