@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from casashell.ribbon import forces, holds
+from casashell.ribbon import forces, holds, loops
 from casashell.ribbon.augmented import Schedule, augmented
 from casashell.ribbon.chain import Strip, reconstruct
 from casashell.ribbon.conditions import Condition
@@ -52,6 +52,10 @@ class Setting:
     terms: Sequence[Term] = ()
     junction: Junction | None = None
 
+    def joint(self, ribbon: Ribbon) -> Junction:
+        """The junction of a closed ribbon."""
+        return self.junction or ("flat" if ribbon.ends == "moebius" else "crease")
+
     def potential(
         self,
         ribbon: Ribbon,
@@ -73,7 +77,7 @@ class Setting:
         conditions = [holds.attached(ribbon, physics, a, slopes) for a in self.attachments]
         far: tuple[Term, ...] = ()
         if ribbon.closed:
-            joint = self.junction or ("flat" if ribbon.ends == "moebius" else "crease")
+            joint = self.joint(ribbon)
             conditions.append(holds.closing(ribbon, physics, flat=joint == "flat"))
             far = (forces.junction(ribbon, physics),) if joint == "crease" else ()
         elif self.end is not None:
@@ -189,11 +193,18 @@ def _rest(
         state=state,
         energy=potential.energy(outcome.z),
         residual=outcome.projected_gradient,
-        violation=outcome.violation,
+        violation=max(outcome.violation, _gap(ribbon, setting, state)),
         stability=stability(direct, state, outcome.multipliers.equality),
         reactions=_reactions(potential, outcome.multipliers.equality),
         outcome=outcome,
     )
+
+
+def _gap(ribbon: Ribbon, setting: Setting, state: RibbonState) -> float:
+    """How far a closed ribbon is from closed; 0 for an open one."""
+    if not ribbon.closed:
+        return 0.0
+    return loops.gap(ribbon, reconstruct(ribbon, state), flat=setting.joint(ribbon) == "flat")
 
 
 def _aside(found: Equilibrium) -> RibbonState:
@@ -246,13 +257,25 @@ def refined(ribbon: Ribbon, state: RibbonState, segments: int) -> tuple[Ribbon, 
         target_rulings=_spread(np.asarray(ribbon.target_rulings), ribbon.segments, segments),
     )
     return finer, RibbonState(
-        _spread(state.slopes, ribbon.segments, segments),
+        uncrossed(finer, _spread(state.slopes, ribbon.segments, segments)),
         _spread(state.angles, ribbon.segments, segments) * (ribbon.segments / segments),
         state.frame,
         state.origin,
         state.start_angle * ribbon.segments / segments,
         state.end_angle * ribbon.segments / segments,
     )
+
+
+def uncrossed(ribbon: Ribbon, slopes: FloatArray) -> FloatArray:
+    """Slopes (N-1,) near the given ones whose rulings keep the ribbon's margin.
+
+    The largest function below them that nowhere turns too fast, cut to what the ends allow.
+    """
+    turn = 0.999 * ribbon.most_turn
+    at = np.arange(1, ribbon.segments)
+    apart = turn * np.abs(at[:, None] - at[None, :])
+    reach = turn * np.minimum(at, ribbon.segments - at)
+    return np.clip((slopes[None, :] + apart).min(axis=1), -reach, reach)
 
 
 def _spread(values: FloatArray, old: int, new: int) -> FloatArray:
