@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +21,7 @@ class MovieUnavailable(PicturesUnavailable):
     """A package that makes films is not installed; the message says how to get it."""
 
 
-class _Film:
+class _Film(ABC):
     """A film file that takes pictures (height, width, 3) uint8 of one size.
 
     MovieUnavailable: PyAV is missing.
@@ -64,11 +65,13 @@ class _Film:
     def _options(self) -> dict[str, str]:
         return {}
 
+    @abstractmethod
     def _started(self, picture: AnyArray) -> Any:
-        raise NotImplementedError
+        """The stream, for pictures of this size."""
 
+    @abstractmethod
     def _frame(self, picture: AnyArray) -> Any:
-        raise NotImplementedError
+        """The picture as the encoder takes it."""
 
 
 class Mp4(_Film):
