@@ -89,6 +89,8 @@ class Run:
                 f"{self.stepper.coarse} steps at the shortest length left a gap wrong: a body is finer "
                 "than the shell, or moves too fast"
             )
+        if self.stepper.rescued:
+            self.notes.append(f"{self.stepper.rescued} steps needed the conic solver")
         return self._simulation(status, advice + _ADVICE[status])
 
     def _frames(self, callback: Callable[[Frame], None] | None) -> None:

@@ -27,7 +27,7 @@ from casashell.dynamics.system import Damping, System
 from casashell.dynamics.touching import Detector, Watch
 from casashell.problem import Problem
 from casashell.result import Result
-from casashell.typing import AnyArray, ArrayLike
+from casashell.typing import AnyArray, ArrayLike, FloatArray
 
 Callback = Callable[[Frame], None]
 
@@ -47,6 +47,7 @@ def simulate(
     motion: Motions = None,
     damping: Damping | None = None,
     mass: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
     callback: Callback | None = None,
     checkpoint: str | Path | None = None,
     interpreted: bool = False,
@@ -61,6 +62,7 @@ def simulate(
     motion      `RigidMotion`, `MeshSequence` or the like for all obstacles, or by number or name
     damping     `Damping`; none by default
     mass        kg, a number or (V,); by default from the density of the material and natural areas
+    velocity    m/s at the start, (3,) or (V,3); at rest by default
     callback    called with a `Frame`; an exception from it ends the simulation
     checkpoint  folder to keep the frames in; a run that was killed goes on from there and makes the
                 same frames.  ``seconds`` may be longer than before
@@ -103,14 +105,15 @@ def simulate(
         StepSolver(system, setting.weight, reach),
         1.0 / (rate * substeps),
     )
-    state = State(0.0, setting.start.copy(), np.zeros_like(setting.start), setting.forces.copy())
+    moving = _velocity(velocity, setting)
+    state = State(0.0, setting.start.copy(), moving.copy(), setting.forces.copy())
     run = Run(stepper, state, setting.target.faces, frames + 1, int(substeps), rate, began)
     if not system.compiled:
         run.notes.append("no C compiler: kernels are interpreted (about ten times slower)")
     if not result.status.certified and isinstance(rest, str) and rest == "natural":
         run.notes.append(f"the result is no certified equilibrium ({result.status}): it will move")
     if checkpoint is not None:
-        key = _fingerprint(setting, watches, wind, system.damping, rate, int(substeps))
+        key = _fingerprint(setting, moving, watches, wind, system.damping, rate, int(substeps))
         run.use(Checkpoint(checkpoint, key, run.record))
     return run.go(callback)
 
@@ -122,8 +125,23 @@ def _number(value: float, what: str) -> float:
     return number
 
 
+def _velocity(velocity: ArrayLike | None, setting: Setting) -> FloatArray:
+    """Velocities (V,3) at the start; pinned vertices have none."""
+    given = np.asarray(0.0 if velocity is None else velocity, dtype=np.float64)
+    shape = setting.start.shape
+    if given.shape not in ((), (3,), shape) or (given.shape == () and given != 0.0):
+        raise ValueError(f"velocity must have shape (3,) or {shape}, got {given.shape}")
+    made = np.array(np.broadcast_to(given, shape))
+    wrong = np.flatnonzero(~np.isfinite(made).all(axis=1))
+    if wrong.size:
+        raise ValueError(f"velocity of vertex {int(wrong[0])} is not finite")
+    made[setting.pinned] = 0.0
+    return made
+
+
 def _fingerprint(
     setting: Setting,
+    moving: FloatArray,
     watches: list[Watch],
     wind: Wind | None,
     damping: Damping,
@@ -132,7 +150,7 @@ def _fingerprint(
 ) -> str:
     """Digest of a run; obstacles and wind are known by what they do to the start at a few times."""
     faces, x = setting.target.faces, setting.start
-    arrays: list[AnyArray] = [faces, x, setting.rest, setting.mass, setting.pinned, setting.forces]
+    arrays: list[AnyArray] = [faces, x, moving, setting.rest, setting.mass, setting.pinned, setting.forces]
     texts = [repr((rate, substeps, damping))]
     for term in setting.energies:
         arrays += [term.stencils, term.params]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from casashell.dynamics.newton import Solved, StepSolver
+from casashell.dynamics.references import solve_step
 from casashell.dynamics.system import Inertia, System
 from casashell.dynamics.touch import Touches, contact_residual
 from casashell.dynamics.touching import Detector, Reach
@@ -18,6 +19,8 @@ LEVELS = 10
 _SURPRISE = 20.0
 #: Rounds in which vertices that were missed are added.
 _ROUNDS = 4
+#: Touches for which the conic reference is tried when Newton fails, and its rounds.
+_FEW, _CONIC_ROUNDS = 400, 15
 
 
 @dataclass(eq=False)
@@ -52,6 +55,7 @@ class Stepper:
         self.system, self.detector, self.solver = system, detector, solver
         self.step = step
         self.coarse = 0  # steps taken at the shortest length although a gap was wrong
+        self.rescued = 0  # steps that went to the conic solver
 
     def prepare(self, x: FloatArray) -> None:
         """Analyse the matrices at the start of the run, the same when it is taken up again."""
@@ -98,7 +102,7 @@ class Stepper:
         return True
 
     def _solve(self, touches: Touches, state: State, h: float) -> Solved:
-        """The step by Newton; with the convex part of the stiffness when that fails."""
+        """The step by Newton; with the convex part of the stiffness, or from cones, when that fails."""
         f = state.forces[touches.body, touches.vertex]
         d = h * state.v
         d[~self.system.free] = 0.0
@@ -110,6 +114,10 @@ class Stepper:
         solved = self.solver.solve(touches, d, f, h)
         if not solved.converged:
             solved = self.solver.solve(touches, d, f, h, convex=True)
+        if not solved.converged and 0 < len(touches) <= _FEW:
+            self.rescued += 1
+            near = solve_step(self.solver, touches, d, f, "conic", _CONIC_ROUNDS)
+            solved = near if near.converged else self.solver.solve(touches, near.d, near.f, h)
         return solved
 
     def _accept(

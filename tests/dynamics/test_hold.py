@@ -1,0 +1,82 @@
+"""Certified equilibria do not move; the same scenes without inversion do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from posed import posed
+from small_scenes import hat_on_ball
+
+import casashell
+from casashell.app.paper_scenes import synthetic_skirt
+from casashell.dynamics.simulate import simulate
+from casashell.dynamics.simulation import SimulationStatus
+from casashell.problem import Problem
+from casashell.result import Result
+
+
+@pytest.fixture(scope="module")
+def skirt() -> Result:
+    return casashell.solve(synthetic_skirt().problem).require()
+
+
+def held(result: Result) -> float:
+    run = simulate(result, 1.0)
+    assert run.status is SimulationStatus.COMPLETE
+    assert run.drift.max() <= 1e-12
+    assert run.speeds.max() <= 1e-9
+    assert np.isin(result.contacts.vertices, np.flatnonzero(run.contact.all(axis=0))).all()
+    assert run.residuals.max() <= 1e-6
+    assert (run.steps[1:] == 1).all()
+    return float(run.drift.max())
+
+
+def test_the_skirt_holds_and_falls_without_inversion(skirt: Result) -> None:
+    drift = held(skirt)
+    naive = simulate(skirt, 1.0, rest="target")
+    assert naive.status is SimulationStatus.COMPLETE
+    assert naive.drift.max() >= 1e3 * max(drift, 1e-12)
+
+
+def test_a_hat_on_a_ball_holds() -> None:
+    result = casashell.solve(hat_on_ball()).require()
+    held(result)
+    assert simulate(result, 0.5, rest="target").drift.max() >= 1e-4
+
+
+def test_a_vertex_between_two_bodies_is_held_by_both() -> None:
+    """A strip in a V of two planes: bottom vertices touch both, and stay."""
+    from meshes import grid
+    from casashell.contact.obstacles import Plane
+    from formulations import discrete_shell
+
+    mesh = grid(2, 4, 0.05, 0.05)
+    up = np.stack([mesh.vertices[:, 2], mesh.vertices[:, 1], mesh.vertices[:, 0]], axis=1)
+    mesh = mesh.moved(up)
+    c = float(np.sqrt(0.5))
+    walls = (Plane((c, 0.0, c), 0.0, 0.5), Plane((-c, 0.0, c), 0.0, 0.5))
+    terms = discrete_shell(mesh, density=0.2, stretch=50.0, bend=1e-2)
+    result = posed(Problem(mesh, terms, walls, contact_tolerance=1e-6))
+    assert len(result.contacts) == 10
+    run = simulate(result, 0.3)
+    assert run.status is SimulationStatus.COMPLETE
+    low = np.unique(result.contacts.vertices)
+    moved = np.abs(run.positions[:, low] - run.positions[0, low]).max()
+    assert moved <= 1e-9
+    assert run.residuals.max() <= 1e-6
+
+
+def test_gaps_of_the_target_are_kept(skirt: Result) -> None:
+    """A target that floats off the body stays where it is: the gap is the vertex's thickness."""
+    from dataclasses import replace as changed
+
+    from casashell.contact.obstacles import Sphere
+
+    problem = hat_on_ball()
+    head = problem.obstacles[0]
+    assert isinstance(head, Sphere)
+    smaller = changed(head, radius=head.radius - 4e-3)
+    floating = Problem(problem.target, problem.energies, (smaller,), contact_tolerance=8e-3)
+    result = casashell.solve(floating).require()
+    assert result.contacts.gaps.min() > 1e-3
+    held(result)
