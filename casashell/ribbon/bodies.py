@@ -33,7 +33,7 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.first)
 
-    def subset(self, rows: IntArray | BoolArray | slice) -> Pairs:
+    def subset(self, rows: IntArray | BoolArray) -> Pairs:
         """Pairs selected by number or mask."""
         return Pairs(self.first[rows], self.second[rows], self.joined[rows])
 
@@ -147,7 +147,7 @@ class Bodies:
         first, second = first[meet], second[meet]
         ends = np.stack(np.broadcast_arrays(first[:, :, None], second[:, None, :]), axis=-1)
         linked = np.isin(self._key(ends), self._key(self.edges))
-        return Pairs(first, second, np.asarray(linked.reshape(len(first), -1).any(axis=1)))
+        return Pairs(first, second, np.asarray(linked.any(axis=(1, 2))))
 
     def _key(self, ends: AnyArray) -> IntArray:
         """One number for each pair of ids in the last axis, whatever their order."""

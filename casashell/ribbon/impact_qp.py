@@ -26,6 +26,8 @@ from casashell.ribbon.bodies import Bodies
 from casashell.ribbon.impacts import Rows
 from casashell.typing import AnyArray, FloatArray, IntArray
 
+# Share of the target by which a row may be missed.
+_SATISFIED = 1e-6
 _ACCEPTED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 
 
@@ -63,7 +65,27 @@ class ImpactProgram:
         return result
 
     def solve(self, rows: Rows, proposed: FloatArray) -> Correction | None:
-        """The corrected positions, strips without a row left alone; None if rows contradict."""
+        """The corrected positions, strips without a row left alone; None if rows contradict.
+
+        Most rows follow from others.  So the program starts with the most violated row of each
+        vertex and takes in more until the answer satisfies all of them.
+        """
+        taken = np.zeros(len(rows), dtype=np.bool_)
+        x, multipliers = proposed, np.zeros(len(rows))
+        while True:
+            missing = rows.bounds - rows.values(x)
+            missing[taken] = 0.0
+            violated = np.flatnonzero(missing > _SATISFIED * rows.targets)
+            if violated.size == 0:
+                return Correction(x, multipliers)
+            taken[violated[_worst(rows.vertices[violated], missing[violated])]] = True
+            answer = self._solve(rows.subset(taken), proposed)
+            if answer is None:
+                return None
+            x, multipliers[taken] = answer.positions, answer.multipliers
+
+    def _solve(self, rows: Rows, proposed: FloatArray) -> Correction | None:
+        """All rows at once."""
         bodies = self.bodies
         involved = np.unique(bodies.owner[rows.vertices])
         ids = np.flatnonzero(np.isin(bodies.owner, involved) & bodies.free)
@@ -97,3 +119,10 @@ class ImpactProgram:
         indices = (np.repeat(row, 3), columns.ravel())
         result: AnyArray = sparse.coo_matrix((values.ravel(), indices), shape).tocsc()
         return result
+
+
+def _worst(vertices: IntArray, missing: FloatArray) -> IntArray:
+    """Numbers of the rows that miss most at one or more of their vertices (C,4)."""
+    order = np.argsort(-missing, kind="stable")
+    first = np.unique(vertices[order], return_index=True)[1]
+    return np.unique(order[first // vertices.shape[1]])

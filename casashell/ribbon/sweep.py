@@ -29,9 +29,8 @@ from casashell.typing import BoolArray, FloatArray, IntArray
 _SLACK = 0.05
 # A pair that starts below its level is watched at this share of its own distance instead.
 _SHARE = 0.9
-# Passes after which only pairs that are close in one plane at some time are followed further, and
-# passes after which those are reported as impacts.
-_PASSES, _LAST_PASS = 40, 1000
+# Passes after which the pairs that still creep are sorted out, and bisections used for that.
+_PASSES, _BISECTIONS = 40, 30
 _THIRDS = np.linspace(0.0, 1.0, 4)
 
 
@@ -51,66 +50,96 @@ class Approach:
     normal: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class _Ways:
+    """Straight ways of P pairs from time 0 to 1."""
+
+    pairs: Pairs
+    start: FloatArray
+    end: FloatArray
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Both parts (P,a,3), (P,b,3) at times (P,)."""
+        t = time[:, None, None]
+        first, second = self.pairs.first, self.pairs.second
+        a, b = self.start[first], self.start[second]
+        return a + t * (self.end[first] - a), b + t * (self.end[second] - b)
+
+    def gap(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Signed weights, unit normals and distances at times (P,)."""
+        a, b = self.at(time)
+        return _gap(_closest(self.pairs)(a, b), a, b)
+
+    def subset(self, rows: IntArray) -> _Ways:
+        return _Ways(self.pairs.subset(rows), self.start, self.end)
+
+
 def approaches(pairs: Pairs, start: FloatArray, end: FloatArray, level: FloatArray) -> Approach:
     """The pairs that come within ``level`` (P,) [m] on the straight way from start to end (V,3).
 
     Every pair must be apart at the start; one that starts below its level counts as arrived when
     its distance falls below 0.9 of what it was.
     """
-    closest = _closest(pairs)
-    one, two = start[pairs.first], start[pairs.second]
-    one_move, two_move = end[pairs.first] - one, end[pairs.second] - two
-    time, level = np.zeros(len(pairs)), level.copy()
+    every = _Ways(pairs, start, end)
+    time = np.zeros(len(pairs))
+    level = np.minimum(level, _SHARE * every.gap(time)[2])
     alive = np.arange(len(pairs))
-    found: list[tuple[IntArray, FloatArray, FloatArray]] = []
-    for number in range(_LAST_PASS):
-        if number == _PASSES:
-            alive = alive[_may_cross(pairs.subset(alive), start, end, level[alive])]
+    found = [np.zeros(0, dtype=np.int64)]
+    for _ in range(_PASSES):
         if alive.size == 0:
             break
-        at = time[alive, None, None]
-        a, b = one[alive] + at * one_move[alive], two[alive] + at * two_move[alive]
-        signed, normal, distance = _gap(closest(a, b), a, b)
-        if number == 0:
-            level = np.minimum(level, _SHARE * distance)
-        here = level[alive]
-        gaps = _along(b, normal)[:, None, :] - _along(a, normal)[:, :, None] - here[:, None, None]
-        speed = _along(one_move[alive], normal)[:, :, None]
-        speed = speed - _along(two_move[alive], normal)[:, None, :]
-        closing = speed > 0.0
-        ahead = np.where(closing, np.maximum(gaps, 0.0) / np.where(closing, speed, 1.0), np.inf)
-        arrived = distance <= here * (1.0 + _SLACK)
-        arrived |= number == _LAST_PASS - 1
-        rows = alive[arrived]
-        found.append((rows, signed[arrived], normal[arrived]))
-        time[alive] += np.where(arrived, 0.0, ahead.min(axis=(1, 2)))
+        ahead, arrived = _advance(every.subset(alive), time[alive], level[alive])
+        found.append(alive[arrived])
+        time[alive] += ahead
         alive = alive[~arrived & (time[alive] <= 1.0)]
-    if not found:
-        return Approach(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 4)), np.zeros((0, 3)))
-    rows = np.concatenate([part[0] for part in found])
-    weights = np.concatenate([part[1] for part in found])
-    return Approach(rows, time[rows], weights, np.concatenate([part[2] for part in found]))
+    if alive.size:
+        time[alive] = _late(every.subset(alive), time[alive], level[alive])
+        found.append(alive[time[alive] <= 1.0])
+    rows = np.concatenate(found)
+    weights, normal, _ = every.subset(rows).gap(time[rows])
+    return Approach(rows, time[rows], weights, normal)
 
 
-def _may_cross(pairs: Pairs, start: FloatArray, end: FloatArray, level: FloatArray) -> BoolArray:
-    """Pairs (P,) that are closer than ``level`` (P,) [m] when their four vertices are coplanar.
+def _advance(ways: _Ways, time: FloatArray, level: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """How far (P,) time may go on from ``time`` (P,), and which pairs have arrived (P,)."""
+    a, b = ways.at(time)
+    _, normal, distance = _gap(_closest(ways.pairs)(a, b), a, b)
+    pairs, move = ways.pairs, ways.end - ways.start
+    gaps = _along(b, normal)[:, None, :] - _along(a, normal)[:, :, None] - level[:, None, None]
+    speed = _along(move[pairs.first], normal)[:, :, None]
+    speed = speed - _along(move[pairs.second], normal)[:, None, :]
+    closing = speed > 0.0
+    ahead = np.where(closing, np.maximum(gaps, 0.0) / np.where(closing, speed, 1.0), np.inf)
+    arrived = distance <= level * (1.0 + _SLACK)
+    return np.where(arrived, 0.0, ahead.min(axis=(1, 2))), arrived
 
-    The volume of the tetrahedron is a cubic in time (Provot 1997).  Two parts can pass through each
-    other only at one of its roots; its turning points stand for double roots lost to rounding.
+
+def _late(ways: _Ways, time: FloatArray, level: FloatArray) -> FloatArray:
+    """Impact times (P,) of pairs that creep, infinite for those that cannot cross.
+
+    The volume of the tetrahedron of the four vertices is a cubic in time (Provot 1997), and parts
+    can pass through each other only at a root of it; its turning points stand for double roots
+    that rounding loses.  Bisection between ``time`` and the first root at which the parts are
+    within ``level`` finds where they reach it.
     """
-    ids = pairs.vertices
-    ways = start[ids], end[ids] - start[ids]
-    at = [ways[0] + time * ways[1] for time in _THIRDS]
+    at = [np.concatenate(ways.at(np.full(len(time), third)), axis=1) for third in _THIRDS]
     volumes = np.stack([np.linalg.det(x[:, 1:] - x[:, :1]) for x in at])
     cubics = np.linalg.solve(np.vander(_THIRDS), volumes).T
-    close = np.zeros(len(pairs), dtype=np.bool_)
-    for number, cubic in enumerate(cubics):
-        times = np.concatenate([np.roots(cubic), np.roots(np.polyder(cubic))]).real
-        for time in times[(times > -1e-9) & (times < 1.0 + 1e-9)]:
-            one = pairs.subset(slice(number, number + 1))
-            distance = separations(one, start + time * (end - start))[2]
-            close[number] |= distance[0] < level[number]
-    return close
+    high = np.full(len(time), np.inf)
+    for row, cubic in enumerate(cubics):
+        roots = np.concatenate([np.roots(cubic), np.roots(np.polyder(cubic))]).real
+        roots = np.sort(roots[(roots > time[row]) & (roots < 1.0 + 1e-9)])
+        close = ways.subset(np.full(len(roots), row)).gap(roots)[2] < level[row]
+        high[row] = roots[close].min(initial=np.inf)
+    rows = np.flatnonzero(np.isfinite(high))
+    low, ways, level = time[rows], ways.subset(rows), level[rows]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high[rows])
+        apart = ways.gap(middle)[2] > level
+        low = np.where(apart, middle, low)
+        high[rows] = np.where(apart, high[rows], middle)
+    high[rows] = low
+    return high
 
 
 def separations(pairs: Pairs, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
