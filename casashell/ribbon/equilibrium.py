@@ -163,6 +163,8 @@ def equilibrium(
     begin = time.perf_counter()
     setting = setting or Setting()
     state = flat(ribbon) if start is None else start.checked(ribbon)
+    if ribbon.closed and start is None:
+        raise ValueError("a closed ribbon needs a start: see casashell.ribbon.loops and bands")
     found, saddles = _rest(ribbon, physics, setting, state, method, tolerance), 0
     while not found.stability.stable and found.converged and saddles < MOST_SADDLES:
         saddles += 1
@@ -245,39 +247,3 @@ def _reactions(potential: Potential, multipliers: FloatArray) -> tuple[FloatArra
             force[:3] /= potential.coordinates.ribbon.length
         scaled.append(force)
     return tuple(scaled)
-
-
-def refined(ribbon: Ribbon, state: RibbonState, segments: int) -> tuple[Ribbon, RibbonState]:
-    """The ribbon with another number of segments, and nearly the same shape: a start for a solve."""
-    finer = replace(
-        ribbon,
-        segments=segments,
-        rest_angles=_spread(np.asarray(ribbon.rest_angles), ribbon.segments, segments)
-        * (ribbon.segments / segments),
-        target_rulings=_spread(np.asarray(ribbon.target_rulings), ribbon.segments, segments),
-    )
-    return finer, RibbonState(
-        uncrossed(finer, _spread(state.slopes, ribbon.segments, segments)),
-        _spread(state.angles, ribbon.segments, segments) * (ribbon.segments / segments),
-        state.frame,
-        state.origin,
-        state.start_angle * ribbon.segments / segments,
-        state.end_angle * ribbon.segments / segments,
-    )
-
-
-def uncrossed(ribbon: Ribbon, slopes: FloatArray) -> FloatArray:
-    """Slopes (N-1,) near the given ones whose rulings keep the ribbon's margin.
-
-    The largest function below them that nowhere turns too fast, cut to what the ends allow.
-    """
-    turn = 0.999 * ribbon.most_turn
-    at = np.arange(1, ribbon.segments)
-    apart = turn * np.abs(at[:, None] - at[None, :])
-    reach = turn * np.minimum(at, ribbon.segments - at)
-    return np.clip((slopes[None, :] + apart).min(axis=1), -reach, reach)
-
-
-def _spread(values: FloatArray, old: int, new: int) -> FloatArray:
-    at = np.arange(1, new) / new
-    return np.interp(at, np.arange(1, old) / old, values)

@@ -29,33 +29,32 @@ def circle(ribbon: Ribbon) -> RibbonState:
     return RibbonState(np.zeros(n - 1), np.full(n - 1, 2.0 * np.pi / n))
 
 
-def moebius(ribbon: Ribbon) -> RibbonState:
-    """A Moebius band with half a twist, closed and flat at its junction: a start for `equilibrium`.
+def moebius(ribbon: Ribbon) -> tuple[RibbonState, ...]:
+    """Moebius bands with half a twist, closed and flat at the junction, least bent first: starts.
 
-    Six parameters of a symmetric family are found by least squares; of the closed ones the band of
-    least bending is taken.  Raises ValueError when none closes: the strip is too wide for its rulings.
+    Members of a symmetric family with six parameters, found by least squares.  Several equilibria are
+    nearly as low as the lowest; which start leads there is not known before.
+    Raises ValueError when none closes: the strip is too wide for its rulings.
     """
-    best: tuple[float, RibbonState] | None = None
+    found: list[tuple[float, RibbonState]] = []
     for start in _STARTS:
-        found = least_squares(lambda p: _misfit(ribbon, p), np.array(start))
-        if np.abs(found.fun).max() > _CLOSED:
-            continue
-        c, beta = _band(ribbon, found.x)
+        fit = least_squares(lambda p: _misfit(ribbon, p), np.array(start), xtol=1e-12)
+        c, beta = _band(ribbon, fit.x)
         shape = strip(ribbon.length, ribbon.width, c, beta, np.eye(3), np.zeros(3))
-        if abs(abs(links(shape, moebius=True).linking) - 0.5) > 0.25:
-            continue
-        if np.any(np.abs(beta) > MOST_BENT) or np.abs(np.diff(c)).max() > ribbon.most_turn:
+        bent = np.any(np.abs(beta) > MOST_BENT) or np.abs(np.diff(c)).max() > ribbon.most_turn
+        if bent or np.abs(fit.fun).max() > _CLOSED:
             continue
         energy = float(np.sum(beta**2 * (1 + c**2)))
-        if best is None or energy < best[0]:
-            best = energy, RibbonState(c[1:-1], beta[1:-1])
-    if best is None:
+        known = any(abs(energy - other) < 1e-3 * energy for other, _ in found)
+        if not known and abs(abs(links(shape, moebius=True).linking) - 0.5) < 0.25:
+            found.append((energy, RibbonState(c[1:-1], beta[1:-1])))
+    if not found:
         raise ValueError(
             f"no Moebius band of length / width {ribbon.length / ribbon.width:.3g} with "
             f"{ribbon.segments} segments to start from: take a longer or narrower strip, or start "
             "from a narrower band's equilibrium"
         )
-    return best[1]
+    return tuple(state for _, state in sorted(found, key=lambda entry: entry[0]))
 
 
 def _band(ribbon: Ribbon, p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -134,7 +133,7 @@ def _transported(first: FloatArray, second: FloatArray, v: FloatArray) -> FloatA
     axis = cross(first, second)
     cosine = np.einsum("ia,ia->i", first, second)[:, None]
     dotted = np.einsum("ia,ia->i", axis, v)[:, None]
-    return cosine * v + cross(axis, v) + axis * dotted / (1.0 + cosine)
+    return np.asarray(cosine * v + cross(axis, v) + axis * dotted / np.maximum(1.0 + cosine, 1e-12))
 
 
 def _writhe(points: FloatArray) -> float:
