@@ -1,8 +1,8 @@
 """Newton's method on a box with the exact Hessian, for the augmented Lagrangian.
 
 Unknowns at a bound that the gradient pushes against stay there; the others move along the Newton
-direction, projected onto the box (Bertsekas 1982).  Where the Hessian is not positive definite a
-multiple of its diagonal is added, and kept as long as it is needed.
+direction, projected onto the box (Bertsekas 1982).  Where the Hessian is not positive definite its
+eigenvalues, after scaling to a unit diagonal, are replaced by their absolute values.
 """
 
 from __future__ import annotations
@@ -10,44 +10,38 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
 
 from casashell.ribbon.augmented import Inner, Lagrangian, Schedule
 from casashell.ribbon.program import Program, Stop
 from casashell.typing import BoolArray, FloatArray
 
 _ARMIJO = 1e-4
-_FIRST_SHIFT, _LAST_SHIFT = 1e-6, 1e8
+#: Least eigenvalue kept where the Hessian is not positive definite, as a part of the largest one.
+_FLATTEST = 1e-6
+#: Longest step of an unknown; these are angles, slopes and lengths over the length of a ribbon.
+_LONGEST = 1.0
 #: Backtracking steps; beyond them the step is too small to change anything.
 _TRIALS = 40
 #: Changes of the objective below this many units of rounding mean nothing.
 _ROUNDING = 64 * np.finfo(float).eps
 
 
-@dataclass(eq=False)
-class _Direction:
-    """Newton directions, with the shift of the diagonal they needed."""
-
-    shift: float = 0.0
-
-    def of(self, hessian: FloatArray, gradient: FloatArray, free: BoolArray) -> FloatArray:
-        """(n,) descent direction, zero for unknowns that are not free."""
-        h = hessian[np.ix_(free, free)]
+def _direction(hessian: FloatArray, gradient: FloatArray, free: BoolArray) -> FloatArray:
+    """(n,) descent direction, zero for unknowns that are not free."""
+    h, g = hessian[np.ix_(free, free)], gradient[free]
+    made = np.zeros(len(gradient))
+    try:
+        factor = cho_factor(h, lower=True, check_finite=False)
+        made[free] = -cho_solve(factor, g, check_finite=False)
+    except LinAlgError:
         size = np.abs(np.diag(h))
-        size = np.maximum(size, 1e-8 * size.max(initial=1e-300))
-        made = np.zeros(len(gradient))
-        self.shift = 0.0 if self.shift < 4 * _FIRST_SHIFT else self.shift / 4
-        while True:
-            try:
-                factor = cho_factor(h + np.diag(self.shift * size), lower=True, check_finite=False)
-            except LinAlgError:
-                self.shift = max(_FIRST_SHIFT, 4 * self.shift)
-                if self.shift > _LAST_SHIFT:
-                    made[free] = -gradient[free] / size
-                    return made
-                continue
-            made[free] = -cho_solve(factor, gradient[free], check_finite=False)
-            return made
+        root = np.sqrt(np.maximum(size, 1e-12 * size.max(initial=1e-300)))
+        value, vector = eigh(h / np.outer(root, root), check_finite=False)
+        bent = np.maximum(np.abs(value), _FLATTEST * np.abs(value).max())
+        made[free] = -(vector @ ((vector.T @ (g / root)) / bent)) / root
+    made *= min(1.0, _LONGEST / max(np.abs(made).max(), 1e-300))
+    return made
 
 
 def _free(program: Program, z: FloatArray, gradient: FloatArray) -> BoolArray:
@@ -59,7 +53,7 @@ def _free(program: Program, z: FloatArray, gradient: FloatArray) -> BoolArray:
 
 def newton(function: Lagrangian, start: FloatArray, gradient: float, schedule: Schedule) -> Inner:
     """Minimum on the box until the projected gradient is below ``gradient``; see `Minimiser`."""
-    program, direction = function.program, _Direction()
+    program = function.program
     z = program.clipped(start)
     value, slope = function(z)
     evaluations = 1
@@ -73,7 +67,7 @@ def newton(function: Lagrangian, start: FloatArray, gradient: float, schedule: S
         hessian = function.hessian(z)
         if not np.all(np.isfinite(hessian)):
             return Inner(z, iteration, evaluations, Stop.NONFINITE)
-        d = direction.of(hessian, slope, _free(program, z, slope))
+        d = _direction(hessian, slope, _free(program, z, slope))
         found = _search(function, z, value, slope, d)
         evaluations += found.evaluations
         if not found.success:
