@@ -84,5 +84,6 @@ class Checkpoint:
         """Replace the state by that behind frame number ``frames`` - 1."""
         fresh = self.folder / f"{_STATE}.new"
         with fresh.open("wb") as file:
-            np.savez(file, key=np.array(self.key), frames=np.array(frames), **state)
+            ends = {"key": np.array(self.key), "frames": np.array(frames)}
+            np.savez(file, allow_pickle=False, **ends, **state)
         os.replace(fresh, self.folder / _STATE)

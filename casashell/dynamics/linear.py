@@ -15,11 +15,12 @@ import numpy as np
 
 from casashell.dynamics.system import System
 from casashell.dynamics.touch import NaturalMap, Touches
-from casashell.engine.sparse_solver import SparseSolver, make_solver
+from casashell.engine.sparse_solver import SparseSolver, Symmetry, make_solver
 from casashell.typing import BoolArray, FloatArray, IntArray
 
 #: Weight of the proximal term on the force of a second touch.
 _PROXIMAL = 1e-6
+_KINDS: dict[bool, Symmetry] = {True: "symmetric", False: "general"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +65,8 @@ class LinearStep:
 
     def _solver(self, symmetric: bool) -> SparseSolver:
         if symmetric not in self._solvers:
-            pattern = self.system.pattern
-            kind = "symmetric" if symmetric else "general"
-            self._solvers[symmetric] = make_solver(
-                pattern.indptr, pattern.indices, "symmetric" if kind == "symmetric" else "general"
-            )
+            pattern, kind = self.system.pattern, _KINDS[symmetric]
+            self._solvers[symmetric] = make_solver(pattern.indptr, pattern.indices, kind)
         return self._solvers[symmetric]
 
     def forget(self) -> None:
@@ -137,7 +135,7 @@ class _Factored:
         self.first: IntArray = np.flatnonzero(touches.first)
         self.other: IntArray = np.flatnonzero(~touches.first)
         loose = law.by_force[self.other] + _PROXIMAL * np.eye(3)
-        self.inverse: FloatArray = np.linalg.inv(loose) if len(loose) else np.zeros((0, 3, 3))
+        self.inverse: FloatArray = np.asarray(np.linalg.inv(loose), dtype=np.float64)
         count = len(system.rest)
         self.held: BoolArray = np.zeros(count, dtype=bool)
         self.held[touches.vertex] = True

@@ -78,14 +78,18 @@ class RigidMotion:
     def _curve(self) -> Any:
         from scipy.interpolate import PchipInterpolator
 
-        return PchipInterpolator(self.times, np.hstack([self.translation, self.rotation]))
+        return PchipInterpolator(self.times, self._keys)
+
+    @property
+    def _keys(self) -> FloatArray:
+        return np.hstack([np.asarray(self.translation), np.asarray(self.rotation)])
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Rotation (3,3) and shift (3,) [m] of ``x -> R x + s`` at ``time`` [s]."""
         from scipy.spatial.transform import Rotation
 
         if len(self.times) == 1:
-            now = np.hstack([self.translation, self.rotation])[0]
+            now = self._keys[0]
         else:
             now = self._curve(np.clip(time, self.times[0], self.times[-1]))
         turn = np.eye(3) if not now[3:].any() else Rotation.from_rotvec(now[3:]).as_matrix()

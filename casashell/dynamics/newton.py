@@ -95,7 +95,7 @@ class StepSolver:
             count += 1
             if move is None:
                 move, at = self._fresh(touches, d, f, h, convex)
-            size = _length(move.d)
+            size, before = _length(move.d), at.size
             d, f, at, after, shrink = self._advance(touches, d, f, move, size)
             self.iterations += 1
             if not np.isfinite(at.size):
@@ -106,7 +106,7 @@ class StepSolver:
                 return Solved(d, _cut(f, at), at.size, count, True)
             same = linear.fits(touches, at.law, h)
             move = after if same and shrink <= _KEEP else None
-            if move is not None and _length(after.d) <= 4e-16 * self.size:
+            if at.size > 0.5 * before and _length(after.d) <= 4e-16 * self.size:
                 break  # no correction is left to make
         small = best.residual <= max(self.goal, ROUNDING * self.weight)
         return Solved(best.d, best.f, best.residual, count, small)

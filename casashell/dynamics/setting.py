@@ -155,7 +155,7 @@ def _masses(
         )
     share = np.asarray(known[0]) * (target.moved(rest).face_areas if areas is None else areas) / 3.0
     made = np.bincount(target.faces.ravel(), np.repeat(share, 3), minlength=len(target.vertices))
-    return _moving(made)
+    return _moving(np.asarray(made, dtype=np.float64))
 
 
 def _given(mass: ArrayLike, target: TriMesh) -> FloatArray:

@@ -66,7 +66,7 @@ def simulate(
     callback    called with a `Frame`; an exception from it ends the simulation
     checkpoint  folder to keep the frames in; a run that was killed goes on from there and makes the
                 same frames.  ``seconds`` may be longer than before
-    interpreted run kernels by CasADi's virtual machine even when there is a C compiler
+    interpreted run kernels by CasADi's virtual machine
 
     A KeyboardInterrupt ends the run with the frames it has and status INTERRUPTED; a step that fails
     however short it is made ends it with status FAILED.  Raises ValueError before the first step for
@@ -83,39 +83,42 @@ def simulate(
     if wind is not None and not isinstance(wind, Wind):
         raise ValueError("wind must have a density and parameters; see formulations.wind.FaceWind")
     setting = setting_of(result, problem, rest, mass)
-    bodies = bodies_of(setting.obstacles, motion, frames / rate)
-    watches = watches_of(setting, bodies)
-    check_start(setting, watches, result.contact_tolerance)
-    system = System(
-        setting.energies,
-        setting.rest,
-        setting.mass,
-        setting.pinned,
-        setting.target.faces,
-        wind,
-        damping or Damping(),
-        interpreted=interpreted,
-    )
-    edge = float(setting.target.mean_edge_length)
-    detector = Detector(watches, edge, _SLACK * edge)
-    reach = float(np.abs(setting.start).max(initial=0.0))
-    stepper = Stepper(
-        system,
-        detector,
-        StepSolver(system, setting.weight, reach),
-        1.0 / (rate * substeps),
-    )
     moving = _velocity(velocity, setting)
+    watches = watches_of(setting, bodies_of(setting.obstacles, motion, frames / rate))
+    check_start(setting, watches, result.contact_tolerance)
+    system = _system(setting, wind, damping, interpreted)
+    stepper = _stepper(system, setting, watches, 1.0 / (rate * substeps))
     state = State(0.0, setting.start.copy(), moving.copy(), setting.forces.copy())
     run = Run(stepper, state, setting.target.faces, frames + 1, int(substeps), rate, began)
-    if not system.compiled:
-        run.notes.append("no C compiler: kernels are interpreted (about ten times slower)")
-    if not result.status.certified and isinstance(rest, str) and rest == "natural":
-        run.notes.append(f"the result is no certified equilibrium ({result.status}): it will move")
+    run.notes += _notes(result, system, rest)
     if checkpoint is not None:
         key = _fingerprint(setting, moving, watches, wind, system.damping, rate, int(substeps))
         run.use(Checkpoint(checkpoint, key, run.record))
     return run.go(callback)
+
+
+def _system(
+    setting: Setting, wind: Wind | None, damping: Damping | None, interpreted: bool
+) -> System:
+    shell = (setting.energies, setting.rest, setting.mass, setting.pinned, setting.target.faces)
+    return System(*shell, wind, damping or Damping(), interpreted=interpreted)
+
+
+def _stepper(system: System, setting: Setting, watches: list[Watch], step: float) -> Stepper:
+    edge = float(setting.target.mean_edge_length)
+    reach = float(np.abs(setting.start).max(initial=0.0))
+    solver = StepSolver(system, setting.weight, reach)
+    return Stepper(system, Detector(watches, edge, _SLACK * edge), solver, step)
+
+
+def _notes(result: Result, system: System, rest: str | ArrayLike) -> list[str]:
+    """What is worth saying before the first step."""
+    notes = []
+    if not system.compiled:
+        notes.append("no C compiler: kernels are interpreted (about ten times slower)")
+    if isinstance(rest, str) and rest == "natural" and not result.status.certified:
+        notes.append(f"the result is no certified equilibrium ({result.status}): it will move")
+    return notes
 
 
 def _number(value: float, what: str) -> float:
@@ -150,7 +153,15 @@ def _fingerprint(
 ) -> str:
     """Digest of a run; obstacles and wind are known by what they do to the start at a few times."""
     faces, x = setting.target.faces, setting.start
-    arrays: list[AnyArray] = [faces, x, moving, setting.rest, setting.mass, setting.pinned, setting.forces]
+    arrays: list[AnyArray] = [
+        faces,
+        x,
+        moving,
+        setting.rest,
+        setting.mass,
+        setting.pinned,
+        setting.forces,
+    ]
     texts = [repr((rate, substeps, damping))]
     for term in setting.energies:
         arrays += [term.stencils, term.params]

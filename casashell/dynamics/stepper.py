@@ -19,8 +19,11 @@ LEVELS = 10
 _SURPRISE = 20.0
 #: Rounds in which vertices that were missed are added.
 _ROUNDS = 4
-#: Touches for which the conic reference is tried when Newton fails, and its rounds.
-_FEW, _CONIC_ROUNDS = 400, 15
+#: Forces this near to the limit of friction do not make a first guess of sticking.
+_LIMIT = 1e-3
+#: The conic reference is tried when Newton fails on a step halved this often (halving is cheaper), with
+#: so many touches at most, for so many rounds.
+_HARD, _FEW, _CONIC_ROUNDS = 3, 400, 15
 
 
 @dataclass(eq=False)
@@ -108,13 +111,13 @@ class Stepper:
         d[~self.system.free] = 0.0
         push = (f * touches.normal).sum(axis=1)
         drag = np.linalg.norm(f - push[:, None] * touches.normal, axis=1)
-        stuck = (push > 0.0) & (drag < touches.friction * push)
+        stuck = (push > 0.0) & (drag < (1.0 - _LIMIT) * touches.friction * push)
         settled = touches.carried - touches.gap[:, None] * touches.normal
         d[touches.vertex[stuck]] = settled[stuck]
         solved = self.solver.solve(touches, d, f, h)
         if not solved.converged:
             solved = self.solver.solve(touches, d, f, h, convex=True)
-        if not solved.converged and 0 < len(touches) <= _FEW:
+        if not solved.converged and state.level >= _HARD and 0 < len(touches) <= _FEW:
             self.rescued += 1
             near = solve_step(self.solver, touches, d, f, "conic", _CONIC_ROUNDS)
             solved = near if near.converged else self.solver.solve(touches, near.d, near.f, h)

@@ -200,7 +200,7 @@ class System:
         blocks = kernel(x, start.x, self._drag, self.faces, x)
         index = (3 * self.faces[:, :, None] + np.arange(3)).ravel()
         total = np.bincount(index, blocks[0].ravel(), minlength=x.size).reshape(-1, 3)
-        return total, blocks[1] if name == "hessian" else None
+        return np.asarray(total, dtype=np.float64), blocks[1] if name == "hessian" else None
 
     def kinetic(self, v: FloatArray) -> float:
         """Kinetic energy [J]."""

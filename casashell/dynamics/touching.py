@@ -13,7 +13,7 @@ import numpy as np
 
 from casashell.dynamics.bodies import Body
 from casashell.dynamics.touch import Touches
-from casashell.typing import BoolArray, FloatArray, IntArray
+from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Samples of one vertex's path through one body at most.
 _SAMPLES = 64
@@ -100,7 +100,7 @@ class Detector:
         first[place] = True
         return Touches(vertex, body, normal, friction, gap, carried, along, across, first)
 
-    def _of(self, watch: Watch, step: Reach, also: IntArray) -> tuple[FloatArray, ...]:
+    def _of(self, watch: Watch, step: Reach, also: IntArray) -> tuple[AnyArray, ...]:
         near = watch.allowed & (watch.bound(step.x, step.start) <= step.reach)
         near[also] = True
         asked = np.flatnonzero(near)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from meshes import grid, jittered, rolled
+from meshes import grid, rolled
 from posed import sheet
 
-from casashell.contact.obstacles import Plane, Sphere
-from casashell.dynamics import stepper
+from casashell.contact.obstacles import Plane
 from casashell.dynamics.coulomb import one_contact
 from casashell.dynamics.newton import Solved, StepSolver
 from casashell.dynamics.references import Method, solve_step
 from casashell.dynamics.simulate import simulate
-from casashell.dynamics.stepper import Stepper, State
 from casashell.dynamics.touch import Touches, contact_residual
 from casashell.typing import FloatArray
 
@@ -26,7 +24,9 @@ def test_one_contact_in_closed_form_obeys_the_law(seed: int) -> None:
     w, b, mu = root @ root.T + 0.1 * np.eye(3), rng.standard_normal(3), float(rng.uniform(0, 1.5))
     f = one_contact(w, b, mu)
     u = w @ f + b
-    assert f[0] >= 0.0 and u[0] >= -1e-9 and abs(f[0] * u[0]) <= 1e-9
+    assert f[0] >= 0.0
+    assert u[0] >= -1e-9
+    assert abs(f[0] * u[0]) <= 1e-9
     drag, slip = np.hypot(*f[1:]), np.hypot(*u[1:])
     assert drag <= mu * f[0] + 1e-9
     if f[0] > 0.0 and slip > 1e-7:
@@ -45,7 +45,7 @@ def compared(monkeypatch: pytest.MonkeyPatch, method: Method) -> list[tuple[floa
         if len(touches):
             other = solve_step(self, touches, d, f, method)
             law = contact_residual(touches, other.f, other.d).max()
-            assert law <= 1e-5 * self.weight
+            assert law <= 1e-4 * self.weight  # what an interior point leaves
             size = np.abs(mine.d).max()
             slip = np.abs(touches.slips(mine.d)[(mine.f != 0.0).any(axis=1)]).max(initial=0.0)
             found.append(
@@ -58,11 +58,11 @@ def compared(monkeypatch: pytest.MonkeyPatch, method: Method) -> list[tuple[floa
         return mine
 
     monkeypatch.setattr(StepSolver, "solve", both)
-    mesh = rolled(grid(3, 2, 0.05, 0.05), 0.05, 0.4)
+    mesh = rolled(grid(3, 1, 0.05, 0.05), 0.05, 0.4)
     low = float(mesh.vertices[:, 2].min())
     mesh = mesh.moved(mesh.vertices - [0.0, 0.0, low - 1e-3])
     floor = Plane((0.1, 0.0, 1.0), 0.0, friction=0.3)
-    simulate(sheet(mesh, (floor,)), 0.15)
+    simulate(sheet(mesh, (floor,)), 0.1, velocity=(0.2, 0.0, 0.0))
     return found
 
 

@@ -47,6 +47,7 @@ def test_a_hat_on_a_ball_holds() -> None:
 def test_a_vertex_between_two_bodies_is_held_by_both() -> None:
     """A strip in a V of two planes: bottom vertices touch both, and stay."""
     from meshes import grid
+
     from casashell.contact.obstacles import Plane
     from formulations import discrete_shell
 

@@ -60,32 +60,35 @@ def test_a_lift_pushes_and_lets_go() -> None:
     above = run.positions[:, :, 2] - level[:, None]
     assert above.min() >= -1e-9
     assert np.abs(above[:25]).max() <= 1e-9
-    assert not run.contact[-1].any() and above[-1].min() > 0.5
+    assert not run.contact[-1].any()
+    assert above[-1].min() > 0.5
 
 
-@pytest.mark.parametrize("speed", [5.0, 50.0])
+@pytest.mark.parametrize("speed", [5.0, 30.0])
 def test_a_fast_ball_does_not_tunnel(speed: float) -> None:
     """A ball that would cross the sheet within a frame takes it along instead."""
-    mesh = grid(8, 8, 0.05, 0.05)
-    centred = mesh.moved(mesh.vertices - [0.2, 0.2, 0.0])
+    mesh = grid(6, 6, 0.06, 0.06)
+    centred = mesh.moved(mesh.vertices - [0.18, 0.18, 0.0])
     ball = Sphere((0.0, 0.0, -0.2), 0.1, friction=0.5)
     result = sheet(centred, (ball,), gravity=(0.0, 0.0, 0.0), stretch=200.0)
     way = RigidMotion(np.array([0.0, 1.0]), translation=[[0, 0, 0], [0, 0, speed]])
-    run = simulate(result, 6.0 / 60.0, motion=way)
+    run = simulate(result, 4.0 / 60.0, motion=way)
     assert run.status is SimulationStatus.COMPLETE
     centre = -0.2 + speed * run.times
-    away = np.linalg.norm(run.positions - np.stack([0 * centre, 0 * centre, centre], 1)[:, None], axis=2)
+    away = np.linalg.norm(
+        run.positions - np.stack([0 * centre, 0 * centre, centre], 1)[:, None], axis=2
+    )
     assert away.min() >= 0.1 - 0.05 * 0.06  # no deeper than the slack of the check
-    middle = 40  # the vertex that the ball meets head on
+    middle = 24  # the vertex that the ball meets head on
     assert run.positions[-1, middle, 2] >= centre[-1] + 0.097
-    assert run.steps.max() > 1
+    assert run.steps.max() > 1 or speed < 10.0
 
 
 def test_a_thrown_sheet_does_not_pass_a_thin_wall() -> None:
     """A wall of 2 mm, and 0.5 m of motion a frame."""
     mesh = grid(3, 3, 0.05, 0.05)
     wall = MeshObstacle(box(1.0, 0.002), friction=0.3)
-    lifted = mesh.moved(mesh.vertices + [0.0, 0.0, 0.3])
+    lifted = mesh.moved(mesh.vertices + np.array([0.0, 0.0, 0.3]))
     result = sheet(lifted, (wall,))
     run = simulate(result, 0.1, velocity=(0.0, 0.0, -30.0))
     assert run.status is SimulationStatus.COMPLETE
@@ -110,7 +113,9 @@ def test_a_sequence_of_a_rigid_motion_is_that_motion() -> None:
 def test_points_are_carried_with_the_surface() -> None:
     """A deforming body that moves rigidly carries points off the surface as a rigid body does."""
     ball = MeshObstacle(cap(4, 0.2, 1.2))
-    motion = RigidMotion(np.array([0.0, 1.0]), [[0, 0, 0], [0.1, 0.2, 0.3]], [[0, 0, 0], [0.3, 1, 0]])
+    motion = RigidMotion(
+        np.array([0.0, 1.0]), [[0, 0, 0], [0.1, 0.2, 0.3]], [[0, 0, 0], [0.3, 1, 0]]
+    )
     rigid = RigidBody(ball, 0, motion.at)
     points = np.asarray(ball.mesh.vertices)
     soft = DeformingBody(ball, 0, lambda t: points @ motion.at(t)[0].T + motion.at(t)[1])
