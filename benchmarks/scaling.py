@@ -15,20 +15,27 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timing import Goal
+from casashell.app.scene import Scene
 
 SIZES = ((8, 26), (16, 52), (28, 92), (50, 200), (72, 280))
 COARSE_STRETCH = 3.0  # N, of Ly 2018's Synthetic Skirt
 
 
-def one(rows: int, around: int) -> dict[str, float | str]:
-    """Solve one size in this process; what is reported of it."""
+def resized(rows: int, around: int) -> Scene:
+    """The built-in skirt in this resolution, of the same material."""
     from casashell.app.builtin import skirt
-    from casashell.solving import solve
 
     coarse = skirt(*SIZES[0]).target.mean_edge_length
     scene = skirt(rows, around)
     ratio = scene.target.mean_edge_length / coarse
-    scene = replace(scene, material=replace(scene.material, stretch=COARSE_STRETCH * ratio))
+    return replace(scene, material=replace(scene.material, stretch=COARSE_STRETCH * ratio))
+
+
+def one(rows: int, around: int) -> dict[str, float | str]:
+    """Solve one size in this process; what is reported of it."""
+    from casashell.solving import solve
+
+    scene = resized(rows, around)
     result = solve(scene.problem)
     return {
         "vertices": len(scene.target.vertices),

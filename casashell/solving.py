@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from casashell.engine.threads import one_thread
 from casashell.inverse.advice import FREE_FORCE, explain, status_of
 from casashell.inverse.certificate import certify, no_certificate
 from casashell.inverse.methods import METHODS, PRESETS, STEP2, Choice, StepTwoMethod
@@ -107,11 +108,12 @@ def solve(
     choice = Choice(method, step2, preset, _preferred(problem, prefer), earlier)
     run = _Run(problem, method, callback)
     run.mode = MetricMode(problem) if natural == "metric" else None
-    try:
-        _solve_pieces(run, choice, interpreted)
-    except KeyboardInterrupt:
-        run.interrupted = True
-    return _finish(run)
+    with one_thread():
+        try:
+            _solve_pieces(run, choice, interpreted)
+        except KeyboardInterrupt:
+            run.interrupted = True
+        return _finish(run)
 
 
 def _solve_piece(run: _Run, piece: Piece, choice: Choice) -> None:

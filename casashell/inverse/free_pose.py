@@ -61,7 +61,7 @@ class FreePoseSolver:
 
     after      a solver of the target that has run already; None runs one
     max_steps  steps from one drape
-    seconds    after which no other step is begun
+    seconds    of the processor after which no other step is begun
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class FreePoseSolver:
             if obstruction is not None:
                 self.best = replace(self.best, obstruction=obstruction)
                 return self.best
-        self._deadline = time.perf_counter() + self.seconds
+        self._deadline = time.process_time() + self.seconds
         starts = self._draped()
         if not starts:
             self.notes.append("no shape at hand drapes to a stable pose with its contacts held")
@@ -169,7 +169,7 @@ class FreePoseSolver:
         kappa, share = 1e-2, 1.0
         self._unstable = False
         for _ in range(self.max_steps):
-            if time.perf_counter() > self._deadline:
+            if time.process_time() > self._deadline:
                 self.notes.append(f"free pose stopped after {self.seconds:g} s")
                 break
             modes = MODES if self._unstable else 0

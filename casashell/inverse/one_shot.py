@@ -54,7 +54,7 @@ class NlpSolver:
     """`one_shot` as a solver of a piece: keeps its outcome where an interrupt can find it.
 
     elastic  when there is no solution, find where balance lacks least; else one attempt, no slack
-    seconds  that one attempt may take
+    seconds  of the processor that one attempt may take
     """
 
     def __init__(
