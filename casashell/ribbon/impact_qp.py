@@ -26,6 +26,8 @@ from casashell.ribbon.bodies import Bodies
 from casashell.ribbon.impacts import Rows
 from casashell.typing import AnyArray, FloatArray, IntArray
 
+# Programs in which rows are taken in one a vertex.
+_CAREFUL = 3
 # Share of the target by which a row may be missed.
 _SATISFIED = 1e-6
 _ACCEPTED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
@@ -53,9 +55,8 @@ class ImpactProgram:
     def hessian(self) -> AnyArray:
         """H (V,V) kg, sparse: the blocks of the strips."""
         bodies, edges = self.bodies, self.bodies.edges
-        count = len(bodies.strips)
-        total = np.bincount(bodies.owner, weights=bodies.masses, minlength=count)
-        mean = total / np.bincount(bodies.owner, minlength=count)
+        total = np.bincount(bodies.owner, weights=bodies.masses)
+        mean = total / np.bincount(bodies.owner)
         k = self.stiffness * mean[bodies.owner[edges[:, 0]]]
         i, j = edges.T
         rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
@@ -68,17 +69,22 @@ class ImpactProgram:
         """The corrected positions, strips without a row left alone; None if rows contradict.
 
         Most rows follow from others.  So the program starts with the most violated row of each
-        vertex and takes in more until the answer satisfies all of them.
+        vertex and takes in more, in the end all that are violated, until the answer satisfies
+        every row.
         """
         taken = np.zeros(len(rows), dtype=np.bool_)
         x, multipliers = proposed, np.zeros(len(rows))
+        attempt = 0
         while True:
             missing = rows.bounds - rows.values(x)
             missing[taken] = 0.0
             violated = np.flatnonzero(missing > _SATISFIED * rows.targets)
             if violated.size == 0:
                 return Correction(x, multipliers)
-            taken[violated[_worst(rows.vertices[violated], missing[violated])]] = True
+            attempt += 1
+            if attempt <= _CAREFUL:
+                violated = violated[_worst(rows.vertices[violated], missing[violated])]
+            taken[violated] = True
             answer = self._solve(rows.subset(taken), proposed)
             if answer is None:
                 return None

@@ -115,20 +115,20 @@ def _advance(ways: _Ways, time: FloatArray, level: FloatArray) -> tuple[FloatArr
 
 
 def _late(ways: _Ways, time: FloatArray, level: FloatArray) -> FloatArray:
-    """Impact times (P,) of pairs that creep, infinite for those that cannot cross.
+    """Impact times (P,) of pairs that creep, infinite for those that neither cross nor end close.
 
     The volume of the tetrahedron of the four vertices is a cubic in time (Provot 1997), and parts
     can pass through each other only at a root of it; its turning points stand for double roots
-    that rounding loses.  Bisection between ``time`` and the first root at which the parts are
-    within ``level`` finds where they reach it.
+    that rounding loses.  Bisection between ``time`` and the first root, or the end, at which the
+    parts are within ``level`` finds where they reach it.
     """
     at = [np.concatenate(ways.at(np.full(len(time), third)), axis=1) for third in _THIRDS]
     volumes = np.stack([np.linalg.det(x[:, 1:] - x[:, :1]) for x in at])
     cubics = np.linalg.solve(np.vander(_THIRDS), volumes).T
     high = np.full(len(time), np.inf)
     for row, cubic in enumerate(cubics):
-        roots = np.concatenate([np.roots(cubic), np.roots(np.polyder(cubic))]).real
-        roots = np.sort(roots[(roots > time[row]) & (roots < 1.0 + 1e-9)])
+        roots = np.concatenate([np.roots(cubic), np.roots(np.polyder(cubic)), [1.0]]).real
+        roots = roots[(roots > time[row]) & (roots <= 1.0)]
         close = ways.subset(np.full(len(roots), row)).gap(roots)[2] < level[row]
         high[row] = roots[close].min(initial=np.inf)
     rows = np.flatnonzero(np.isfinite(high))
