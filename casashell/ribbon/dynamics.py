@@ -155,7 +155,7 @@ def simulate(
     seconds: float,
     step: float,
     *,
-    solver: Solver = "newton",
+    solver: Solver = "ipopt",
     resample: Resample | None = None,
     mass: Mass = "consistent",
     form: Form = "positions",
@@ -168,7 +168,7 @@ def simulate(
 ) -> RibbonSimulation:
     """Motion of ``scene`` over ``seconds`` in steps of ``step`` [s].
 
-    solver      "newton" and "ipopt" use exact second derivatives; "augmented" is the paper's method.
+    solver      "ipopt" and "newton" use exact second derivatives; "augmented" is the paper's method.
                 `Rule` explains these, resample, mass, form and tolerance
     callback    gets a `Progress` after every step; False ends the run as INTERRUPTED
     workers     threads for several ribbons; as many as the machine has processors by default

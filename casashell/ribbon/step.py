@@ -39,19 +39,20 @@ Form: TypeAlias = Literal["positions", "velocities"]
 class Rule:
     """How a step is made.
 
-    solver    "augmented" (the paper: L-BFGS-B inside), "newton" (exact Hessian inside the same
-              augmented Lagrangian) or "ipopt" (exact Hessian)
+    solver    "ipopt" (exact Hessian), "augmented" (the paper: L-BFGS-B inside an augmented
+              Lagrangian) or "newton" (exact Hessian inside the same augmented Lagrangian)
     resample  "linear" (the paper) or "hermite"; None: linear for "augmented", hermite otherwise
     mass      "consistent" or "lumped" on the centreline
     form      "positions": both former shapes are resampled; "velocities": vertices carry velocities
-    tolerance of the projected gradient, in units of D W / l; None: 1e-4 for "augmented", which
-              seldom gets further, 1e-6 otherwise
+    tolerance of the projected gradient, in units of D W / l; None: 1e-5 for "augmented", which
+              seldom gets further, 1e-6 for "newton", 1e-8 for "ipopt", which also counts
+              complementarity
     feasibility of conditions, in their own units
     iterations most of a step
     Raises ValueError for names that are not known.
     """
 
-    solver: Solver = "augmented"
+    solver: Solver = "ipopt"
     resample: Resample | None = None
     mass: Mass = "consistent"
     form: Form = "positions"
@@ -72,8 +73,8 @@ class Rule:
     @property
     def gradient(self) -> float:
         """The tolerance asked for, or the one that suits the solver."""
-        usual = 1e-4 if self.solver == "augmented" else 1e-6
-        return usual if self.tolerance is None else self.tolerance
+        usual = {"augmented": 1e-5, "newton": 1e-6, "ipopt": 1e-8}
+        return usual[self.solver] if self.tolerance is None else self.tolerance
 
     @property
     def interpolant(self) -> Resample:
