@@ -58,6 +58,8 @@ def refined(ribbon: Ribbon, state: RibbonState, segments: int) -> tuple[Ribbon, 
         segments=segments,
         rest_angles=_spread(np.asarray(ribbon.rest_angles), ribbon.segments, segments)
         * (ribbon.segments / segments),
+        rest_start=ribbon.rest_start * ribbon.segments / segments,
+        rest_end=ribbon.rest_end * ribbon.segments / segments,
         target_rulings=_spread(np.asarray(ribbon.target_rulings), ribbon.segments, segments),
     )
     return finer, RibbonState(

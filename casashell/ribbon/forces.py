@@ -32,8 +32,7 @@ def bending(ribbon: Ribbon, physics: RibbonPhysics) -> Term:
     """Bending of all creases; the extra ones at the ends stand for half a segment."""
     stations = np.flatnonzero(ribbon.bends)
     n, step = ribbon.segments, ribbon.segment
-    natural = np.zeros(n + 1)
-    natural[1:-1] = ribbon.rest_angles
+    natural = np.concatenate([[ribbon.rest_start], ribbon.rest_angles, [ribbon.rest_end]])
     share = np.where((stations == 0) | (stations == n), 0.5, 1.0) * step
     params = np.empty((len(stations), 4))
     params[:, 0], params[:, 1], params[:, 2] = ribbon.stiffness, ribbon.width, share

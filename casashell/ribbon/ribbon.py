@@ -36,6 +36,7 @@ class Ribbon:
     clamp_crease   a crease at the very beginning, for the half segment that the paper's creases leave
                    rigid: makes what is clamped there converge with order two
     end_crease     the same at the end, for ends held there
+    rest_start, rest_end  natural angles of these two creases [rad]
 
     Raises ValueError for sizes, weights and angles that make no ribbon.
     """
@@ -53,6 +54,8 @@ class Ribbon:
     target_rulings: ArrayLike = 0.0
     clamp_crease: bool = False
     end_crease: bool = False
+    rest_start: float = 0.0
+    rest_end: float = 0.0
 
     def __post_init__(self) -> None:
         self._check_sizes()
@@ -72,6 +75,12 @@ class Ribbon:
         angles = _per_crease("rest_angles", self.rest_angles, self.segments)
         _refuse("rest_angles", np.abs(angles) > MOST_BENT, angles, f"within {MOST_BENT:.3f} rad")
         object.__setattr__(self, "rest_angles", angles)
+        for name, present in (("rest_start", self.clamp_crease), ("rest_end", self.end_crease)):
+            angle = getattr(self, name)
+            if not abs(angle) <= MOST_BENT or (angle != 0.0 and not present):
+                raise ValueError(
+                    f"{name} is {angle:g}: within {MOST_BENT:.3f}, and 0 without a crease"
+                )
         rulings = _per_crease("target_rulings", self.target_rulings, self.segments)
         if np.any(rulings):
             self.require_rulings(rulings, "target_rulings")

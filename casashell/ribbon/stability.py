@@ -13,9 +13,11 @@ from casashell.typing import FloatArray
 
 #: A bound or inequality closer than this is taken to hold with equality.
 ACTIVE = 1e-7
-#: Curvature over the highest one below which the energy is as good as level: solvers cannot follow it,
-#: and rulings where a ribbon is nearly straight cost no more than that.
+#: Curvature over D W / l, which is that of one angle, below which the energy is as good as level:
+#: solvers cannot follow it, and rulings where a ribbon is nearly straight cost no more than that.
 NEUTRAL = 1e-8
+#: The same over the highest curvature: what rounding leaves.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -33,14 +35,19 @@ class Stability:
     direction: FloatArray = field(repr=False)
 
     @property
+    def neutral(self) -> float:
+        """Curvature that counts as zero."""
+        return NEUTRAL + ROUNDING * self.highest
+
+    @property
     def stable(self) -> bool:
-        """No direction along which the energy falls, beyond `NEUTRAL` ones."""
-        return self.free == 0 or self.lowest >= -NEUTRAL * self.highest
+        """No direction along which the energy falls, beyond `neutral` ones."""
+        return self.free == 0 or self.lowest >= -self.neutral
 
     @property
     def strict(self) -> bool:
-        """The energy rises in every direction, beyond `NEUTRAL` ones."""
-        return self.free == 0 or self.lowest > NEUTRAL * self.highest
+        """The energy rises in every direction, beyond `neutral` ones."""
+        return self.free == 0 or self.lowest > self.neutral
 
     def __str__(self) -> str:
         word = "stable" if self.strict else "neutral" if self.stable else "unstable"
