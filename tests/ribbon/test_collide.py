@@ -161,8 +161,25 @@ def test_obstacles_that_are_round_or_move() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("rounds", [1, 20])  # 1: the rigid zones have to help
-def test_adversarial_motions_never_interpenetrate(seed: int, rounds: int) -> None:
+def test_adversarial_motions_never_interpenetrate(seed: int) -> None:
+    assert adversarial(seed, rounds=20) == 0
+
+
+def test_rigid_zones_take_over_after_the_last_round() -> None:
+    assert sum(adversarial(seed, rounds=1) for seed in range(4)) > 0
+
+
+def test_rigid_zones_when_rows_contradict() -> None:
+    """Between two plates closer than the thickness no program is feasible: all stay in place."""
+    plates = (FLOOR, Plane((0.0, 0.0, -1.0), -0.6 * THICKNESS))
+    collider, x = together(flat(place=(0.0, 0.0, 0.3 * THICKNESS)), obstacles=plates)
+    result = collider.resolve(x, [x[0] - [0.0, 0.0, 0.2 * THICKNESS]])
+    assert result.fail_safe
+    np.testing.assert_array_equal(result.positions, x[0])
+
+
+def adversarial(seed: int, rounds: int) -> int:
+    """Steps that needed the fail-safe when three strips are thrown at each other and twisted."""
     rng = np.random.default_rng(seed)
     placed = [
         flat(
@@ -188,7 +205,7 @@ def test_adversarial_motions_never_interpenetrate(seed: int, rounds: int) -> Non
         assert result.min_gap > 0.0
         helped += result.fail_safe
         start = result.positions
-    assert helped == 0 or rounds == 1
+    return helped
 
 
 def test_nothing_near_nothing_done() -> None:
