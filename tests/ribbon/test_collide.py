@@ -133,6 +133,18 @@ def test_a_stack_of_ten_comes_to_rest() -> None:
     assert heights[-1] < 12.0 * THICKNESS
 
 
+def test_a_proposal_that_undoes_the_correction_is_corrected_again() -> None:
+    """The next step proposes the same colliding positions from the corrected ones."""
+    collider, x = together(flat(), flat(9, place=(0.0, 0.01, 0.01), rotation=QUARTER))
+    end = [x[0] + [0.0, 0.0, 0.01], x[1] - [0.0, 0.0, 0.01]]
+    first = collider.resolve(x, end)
+    again = collider.resolve(first.positions, end)
+    assert first.rounds > 0
+    assert again.rounds > 0
+    sound(collider, again)
+    np.testing.assert_allclose(again.positions, first.positions, atol=0.05 * THICKNESS)
+
+
 def test_pinned_vertices_arrive_where_they_are_sent() -> None:
     held = flat(pinned=tuple(range(11)))
     collider, x = together(held, flat(9, place=(0, 0, 0.01), rotation=QUARTER))
