@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from casashell.ribbon.equilibrium import Equilibrium, Method, Setting, equilibrium
 from casashell.ribbon.loops import circle, moebius
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.statics import Equilibrium, Method, Setting, equilibrium
 from casashell.typing import FloatArray
 
 #: A Moebius band is first closed this narrow (length / width) and with so many segments at most.

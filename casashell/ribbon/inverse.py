@@ -16,11 +16,11 @@ import numpy as np
 from scipy.linalg import null_space
 
 from casashell.ribbon import forces
-from casashell.ribbon.equilibrium import Setting
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.potential import Potential
 from casashell.ribbon.ribbon import MOST_BENT, Ribbon, RibbonState
 from casashell.ribbon.stability import Stability, stability
+from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.status import Status
 from casashell.typing import FloatArray
@@ -133,7 +133,7 @@ def _reactions(potential: Potential, z: FloatArray) -> tuple[FloatArray, float]:
     if not len(rows):
         return np.empty(0), float(np.abs(gradient[last:]).max(initial=0.0))
     found: FloatArray = np.zeros(len(rows))
-    free = np.eye(len(rows))
+    free: FloatArray = np.eye(len(rows))
     if len(gradient) > last:
         found = -np.linalg.lstsq(rows[:, last:].T, gradient[last:])[0]
         free = null_space(rows[:, last:].T, rcond=1e-10)

@@ -11,9 +11,9 @@ import numpy as np
 from casashell.contact.obstacles import Obstacle
 from casashell.ribbon import forces
 from casashell.ribbon.chain import Strip, reconstruct
-from casashell.ribbon.equilibrium import Setting
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.ribbon import Ribbon, RibbonState, flat
+from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.typing import ArrayLike, FloatArray
 

@@ -18,7 +18,6 @@ import numpy as np
 from casashell.ribbon.augmented import Schedule, augmented
 from casashell.ribbon.chain import BOTTOM, TOP, Strip
 from casashell.ribbon.coordinates import Coordinates
-from casashell.ribbon.equilibrium import Setting
 from casashell.ribbon.exact import exact
 from casashell.ribbon.forces import quads
 from casashell.ribbon.newton import newton
@@ -27,6 +26,7 @@ from casashell.ribbon.potential import Potential
 from casashell.ribbon.program import Multipliers, Outcome, Program, Stop
 from casashell.ribbon.resample import History, Resample, Rims, abscissae, piece_of
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.typing import FloatArray
 

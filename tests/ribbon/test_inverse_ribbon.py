@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from casashell.ribbon.chain import reconstruct
-from casashell.ribbon.equilibrium import Setting, equilibrium
 from casashell.ribbon.holds import HeldEnd
 from casashell.ribbon.inverse import natural_ribbon
 from casashell.ribbon.loops import circle
 from casashell.ribbon.ribbon import BendingEnergy, Ribbon, RibbonState
+from casashell.ribbon.statics import Setting, equilibrium
 from casashell.status import Status
 from formulations import ribbon_physics
 

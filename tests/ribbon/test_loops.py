@@ -7,10 +7,10 @@ import pytest
 
 from casashell.ribbon.bands import closed, refined
 from casashell.ribbon.chain import reconstruct
-from casashell.ribbon.equilibrium import Equilibrium, Setting, equilibrium
 from casashell.ribbon.forces import PointLoad
 from casashell.ribbon.loops import circle, gap, links, moebius
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.statics import Equilibrium, Setting, equilibrium
 from formulations import ribbon_physics
 
 PHYSICS = ribbon_physics()

@@ -13,10 +13,10 @@ from casashell.ribbon import forces
 from casashell.ribbon.chain import reconstruct
 from casashell.ribbon.conditions import Condition
 from casashell.ribbon.coordinates import Coordinates
-from casashell.ribbon.equilibrium import Setting
 from casashell.ribbon.holds import Attachment, attached
 from casashell.ribbon.potential import Potential
 from casashell.ribbon.ribbon import Ribbon, RibbonState, flat
+from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term, Terms
 from casashell.typing import FloatArray
 from formulations import ribbon_physics

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casashell.ribbon.equilibrium import Equilibrium, Method, Setting, equilibrium
 from casashell.ribbon.forces import PointLoad, guiding
 from casashell.ribbon.holds import Attachment, HeldEnd
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.statics import Equilibrium, Method, Setting, equilibrium
 from formulations import ribbon_physics
 
 PHYSICS = ribbon_physics()

@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from casashell.engine.threads import one_thread
 from casashell.ribbon import forces, holds, loops
 from casashell.ribbon.augmented import Schedule, augmented
 from casashell.ribbon.chain import Strip, reconstruct
@@ -165,10 +166,11 @@ def equilibrium(
     state = flat(ribbon) if start is None else start.checked(ribbon)
     if ribbon.closed and start is None:
         raise ValueError("a closed ribbon needs a start: see casashell.ribbon.loops and bands")
-    found, saddles = _rest(ribbon, physics, setting, state, method, tolerance), 0
-    while not found.stability.stable and found.converged and saddles < MOST_SADDLES:
-        saddles += 1
-        found = _rest(ribbon, physics, setting, _aside(found), method, tolerance)
+    with one_thread():
+        found, saddles = _rest(ribbon, physics, setting, state, method, tolerance), 0
+        while not found.stability.stable and found.converged and saddles < MOST_SADDLES:
+            saddles += 1
+            found = _rest(ribbon, physics, setting, _aside(found), method, tolerance)
     return replace(found, saddles=saddles, seconds=time.perf_counter() - begin)
 
 
