@@ -28,8 +28,8 @@ from casashell.typing import AnyArray, FloatArray, IntArray
 
 # Programs in which rows are taken in one a vertex.
 _CAREFUL = 3
-# Share of the target by which a row may be missed.
-_SATISFIED = 1e-6
+# Share of the thickness by which a row may be missed: the smallest targets are 1e-3 of it.
+_SATISFIED = 1e-5
 _ACCEPTED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 
 
@@ -78,7 +78,7 @@ class ImpactProgram:
         while True:
             missing = rows.bounds - rows.values(x)
             missing[taken] = 0.0
-            violated = np.flatnonzero(missing > _SATISFIED * rows.targets)
+            violated = np.flatnonzero(missing > _SATISFIED * self.bodies.thickness.min())
             if violated.size == 0:
                 return Correction(x, multipliers)
             attempt += 1
