@@ -15,11 +15,13 @@ from typing import Final
 
 import numpy as np
 
+from casashell.inverse.certificate import NEUTRAL, total_energy
 from casashell.inverse.direct import DirectSolver
-from casashell.inverse.forces import rigid_obstruction
-from casashell.inverse.load_path import Report
+from casashell.inverse.feasibility_proof import rigid_proof
+from casashell.inverse.load_path import Report, rounding_of
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece
+from casashell.inverse.rigid import rigid_curvatures
 from casashell.inverse.warm_start import Guess
 from casashell.result import Step
 
@@ -30,9 +32,11 @@ NEAR_ENOUGH: Final = 0.3
 #: Iterations of the program, and steps of the free pose.
 NLP_ITERATIONS, POSE_STEPS = 75, 15
 #: Processor seconds that each of the dearer rungs may take: other work on the machine changes nothing.
-PATIENCE: Final = 20.0
+PATIENCE: Final = 12.0
 #: Vertices up to which the two-step method gets less, in proportion: it ends late where it fails.
-FULL_PATIENCE: Final = 150
+FULL_PATIENCE: Final = 100
+#: Rounding of the elastic forces / f0 beyond which no method sees the weight.
+HIDDEN: Final = 1e-2
 #: Distance / size up to which another pose is an answer to what was asked.
 NEARBY: Final = 0.05
 
@@ -119,11 +123,20 @@ class AutoSolver:
         piece = self.piece
         if self.best.obstruction is not None or len(piece.held) == 0:
             return False
-        if len(piece.contacts):
-            obstruction = rigid_obstruction(piece)
-            if obstruction is not None:
-                self.best = replace(self.best, obstruction=obstruction)
-                return False
+        proof = rigid_proof(piece)
+        if proof is not None:
+            self.best = replace(self.best, obstruction=proof.motion)
+            if np.isfinite(proof.area_factor):
+                self.notes.append(
+                    "proved for natural shapes with areas up to "
+                    f"{proof.area_factor:g} times larger or smaller than the target's"
+                )
+            return False
+        if rounding_of(piece) > HIDDEN:
+            return False  # the elastic forces round to more than the weight, whatever the method
+        if _turns_freely(piece):
+            self.notes.append("turns freely about what holds it, in any natural shape")
+            return False
         if len(piece.target) > LARGEST:
             self.notes.append(
                 f"more than {LARGEST} vertices: the dearer methods nlp, two-step and free-pose "
@@ -162,6 +175,16 @@ class AutoSolver:
                 self.piece, self.report, after=self.direct, max_steps=POSE_STEPS, seconds=PATIENCE
             ),
         )
+
+
+def _turns_freely(piece: Piece) -> bool:
+    """Whether the whole part can move without any work of the loads: neutral in every shape."""
+    energies, held = piece.assembly.energies, np.zeros(len(piece.target), dtype=bool)
+    held[piece.held] = True
+    curvature = rigid_curvatures(
+        energies, lambda x: total_energy(energies, x, piece.target), piece.target, held
+    )
+    return bool((np.abs(curvature) * piece.h / piece.f0 <= NEUTRAL).any())
 
 
 def _skipped(piece: Piece) -> list[str]:
