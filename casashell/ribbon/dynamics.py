@@ -67,8 +67,16 @@ class Stepper:
     collide: Collide | None
 
     def begin(self, h: float) -> tuple[Past, ...]:
-        """What the first step starts from.  ValueError when the ribbons interpenetrate."""
+        """What the first step starts from.  ValueError when ribbons or obstacles interpenetrate."""
         pasts = tuple(_first(body, h) for body in self.scene.bodies)
+        for number, (body, past) in enumerate(zip(self.scene.bodies, pasts)):
+            for obstacle in self.scene.obstacles:
+                gap = float(obstacle.signed_distance(past.points.reshape(-1, 3))[0].min())
+                if gap < 0:
+                    raise ValueError(
+                        f"{body.name or f'ribbon {number}'} starts {-gap:.3g} m inside of obstacle "
+                        f"'{obstacle.name}': move one of them"
+                    )
         if self.collide is not None:
             points = [past.points for past in pasts]
             self.collide(points, points)
