@@ -15,6 +15,9 @@ from casashell.dynamics.bodies import Body
 from casashell.dynamics.touch import Touches
 from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
+#: Stiffness of the natural map in that of the vertex alone.  Neighbours give way too: of 1, 0.3 and 0.1,
+#: 0.3 took the fewest iterations on moving garments.
+_SOFTER = 0.3
 #: Samples of one vertex's path through one body at most.
 _SAMPLES = 64
 
@@ -93,8 +96,9 @@ class Detector:
         if not columns:
             return _nothing()
         vertex, body, normal, friction, gap, carried = columns
-        along = np.einsum("ci,cij,cj->c", normal, stiffness[vertex], normal)
-        across = 0.5 * (np.trace(stiffness[vertex], axis1=1, axis2=2) - along)
+        own = _SOFTER * stiffness[vertex]
+        along = np.einsum("ci,cij,cj->c", normal, own, normal)
+        across = 0.5 * (np.trace(own, axis1=1, axis2=2) - along)
         _, place = np.unique(vertex, return_index=True)
         first = np.zeros(len(vertex), dtype=bool)
         first[place] = True

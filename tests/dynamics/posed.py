@@ -46,7 +46,7 @@ def sheet(
     obstacles: tuple[Obstacle, ...] = (),
     gravity: tuple[float, float, float] = (0.0, 0.0, -G),
     pinned: tuple[int, ...] = (),
-    bend: float = 1e-3,
+    bend: float | FloatArray = 1e-3,
     stretch: float = 20.0,
 ) -> Result:
     """A shell of 0.2 kg/m2 at rest in ``mesh``."""
