@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from casashell.ribbon.physics import RibbonPhysics
-from formulations import ribbon_closing, ribbon_energy, ribbon_inertia
+from formulations import ribbon_closing, ribbon_energy, ribbon_inertia, ruling_bending
 
 
 def ribbon_physics() -> RibbonPhysics:
@@ -22,6 +22,8 @@ def ribbon_physics() -> RibbonPhysics:
         crease=ribbon_closing.crease(),
         held=ribbon_closing.held(),
         junction=ribbon_closing.junction(),
+        link=ruling_bending.link(),
+        rigid_begin=ruling_bending.rigid_begin(),
         linear_piece=ribbon_inertia.linear_piece(),
         hermite_piece=ribbon_inertia.hermite_piece(),
     )

@@ -78,3 +78,37 @@ def ruling_bending(segments: int, clamp_crease: bool = False) -> ca.Function:
         ["slopes", "angles", "w", "t", "length", "width"],
         ["bottom", "top", "normals"],
     )
+
+
+@cache
+def link() -> ca.Function:
+    """One quad, without a chain: y . (end of the quad - what its begin makes of it).
+
+    x = (coordinates, b, t, n) of the stations before and behind, p = (y (9), l, W, unit of length);
+    n is the normal behind a station.  The nine conditions are on b / unit, t / unit and n.
+    """
+    x, r, p = ca.SX.sym("x", 3, 8), ca.SX.sym("r", 3, 8), ca.SX.sym("p", 12)
+    length, width, unit = p[9], p[10], p[11]
+    across, normal, c = (x[:, 2] - x[:, 1]) / width, x[:, 3], x[0, 0]
+    # across = c e_x + e_y with e_y = n x e_x
+    e_x = (c * across - ca.cross(normal, across)) / (1 + c**2)
+    e_y = across - c * e_x
+    ruling = x[0, 4] * e_x + e_y
+    middle = (x[:, 1] + x[:, 2]) / 2 + length * e_x
+    size = ca.sqrt(1 + x[0, 4] ** 2)
+    turned = ca.cos(x[1, 4]) * normal + ca.sin(x[1, 4]) * ca.cross(ruling / size, normal)
+    gaps = ca.vertcat(
+        (x[:, 5] - middle + width / 2 * ruling) / unit,
+        (x[:, 6] - middle - width / 2 * ruling) / unit,
+        x[:, 7] - turned,
+    )
+    return ca.Function("ribbon_link", [x, r, p], [ca.dot(p[:9], gaps)])
+
+
+@cache
+def rigid_begin() -> ca.Function:
+    """x = (b, t, n), p = (y (3), W): y . (|t - b|^2 / W^2 - 1, n . (t - b) / W, |n|^2 - 1)."""
+    x, r, p = ca.SX.sym("x", 3, 3), ca.SX.sym("r", 3, 3), ca.SX.sym("p", 4)
+    across = (x[:, 1] - x[:, 0]) / p[3]
+    gaps = ca.vertcat(ca.sumsqr(across) - 1, ca.dot(across, x[:, 2]), ca.sumsqr(x[:, 2]) - 1)
+    return ca.Function("ribbon_rigid_begin", [x, r, p], [ca.dot(p[:3], gaps)])

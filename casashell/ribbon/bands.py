@@ -24,7 +24,7 @@ def closed(
     physics: RibbonPhysics,
     setting: Setting | None = None,
     *,
-    method: Method = "exact",
+    method: Method | None = None,
 ) -> Equilibrium:
     """The loop or the Moebius band with half a twist which ``ribbon`` is at rest.
 

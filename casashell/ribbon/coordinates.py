@@ -109,7 +109,15 @@ class Coordinates:
 
     def hessian(self, full: FloatArray) -> FloatArray:
         """(n,n) by z of a symmetric matrix by the coordinates of the strip."""
-        return self.rows(self.rows(full).T)
+        made = full[np.ix_(self._places, self._places)]
+        n = self.creases
+        if self.increments:
+            made[:n] = np.cumsum(made[n - 1 :: -1], axis=0)[::-1]
+            made[:, :n] = np.cumsum(made[:, n - 1 :: -1], axis=1)[:, ::-1]
+        if self.floating:
+            made[-6:-3] *= self.ribbon.length
+            made[:, -6:-3] *= self.ribbon.length
+        return made
 
     @cached_property
     def lower(self) -> FloatArray:

@@ -8,10 +8,20 @@ import numpy as np
 from scipy.linalg import qr
 
 from casashell.engine.nlp import Nlp, NlpResult, NlpStatus, minimise
+from casashell.engine.nlp_calls import Option
 from casashell.ribbon.program import Hessian, Multipliers, Outcome, Program, Stop
 from casashell.typing import FloatArray, IntArray
 
-_STOPS = {
+#: Ipopt trusts a start: it is a shape, perhaps with rulings at their limit, not a guess.
+CLOSE: dict[str, Option] = {
+    "mu_init": 1e-5,
+    "bound_push": 1e-8,
+    "bound_frac": 1e-8,
+    "slack_bound_push": 1e-8,
+    "slack_bound_frac": 1e-8,
+}
+#: What the ends of a run of Ipopt are called here.
+STOPS = {
     NlpStatus.CONVERGED: Stop.CONVERGED,
     NlpStatus.STALLED: Stop.DECREASE,
     NlpStatus.ITERATION_LIMIT: Stop.INNER_LIMIT,
@@ -78,14 +88,7 @@ def exact(
         _nlp(program, program.hessian, memory, z, kept),
         tolerance=gradient,
         max_iterations=iterations,
-        options={
-            "constr_viol_tol": feasibility,
-            "mu_init": 1e-5,
-            "bound_push": 1e-8,
-            "bound_frac": 1e-8,
-            "slack_bound_push": 1e-8,
-            "slack_bound_frac": 1e-8,
-        },
+        options={**CLOSE, "constr_viol_tol": feasibility},
     )
     return _outcome(program, memory, found, kept, m, feasibility)
 
@@ -139,7 +142,7 @@ def _outcome(
     feasibility: float,
 ) -> Outcome:
     z = program.clipped(found.x)
-    stop = _STOPS.get(found.status, Stop.FAILED)
+    stop = STOPS.get(found.status, Stop.FAILED)
     violation = program.violation(z)
     if stop is Stop.CONVERGED and violation > 10.0 * feasibility:
         stop = Stop.INFEASIBLE

@@ -135,7 +135,7 @@ def _reactions(potential: Potential, z: FloatArray) -> tuple[FloatArray, float]:
     found: FloatArray = np.zeros(len(rows))
     free: FloatArray = np.eye(len(rows))
     if len(gradient) > last:
-        found = -np.linalg.lstsq(rows[:, last:].T, gradient[last:])[0]
+        found = np.asarray(-np.linalg.lstsq(rows[:, last:].T, gradient[last:])[0], np.float64)
         free = null_space(rows[:, last:].T, rcond=1e-10)
     left = gradient[first:last] + rows[:, first:last].T @ found
     found = found - free @ np.linalg.lstsq(rows[:, first:last].T @ free, left)[0]

@@ -16,6 +16,7 @@ from casashell.ribbon.chain import Strip, reconstruct
 from casashell.ribbon.conditions import Condition
 from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.exact import exact
+from casashell.ribbon.mixed import mixed
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.potential import Potential
 from casashell.ribbon.program import Outcome, Stop
@@ -24,9 +25,11 @@ from casashell.ribbon.stability import Stability, stability
 from casashell.ribbon.terms import Term, Terms
 from casashell.typing import ArrayLike, FloatArray
 
-Method: TypeAlias = Literal["exact", "augmented"]
+Method: TypeAlias = Literal["exact", "mixed", "augmented"]
 Junction: TypeAlias = Literal["flat", "crease"]
 
+#: Segments from which the sparse program was measured to be faster than the dense one.
+SPARSE = 200
 #: Runs after which the quads that hold loaded and attached points must no longer change.
 MOST_RUNS = 8
 #: Saddles to leave behind, and how far a start beside one is from it [rad, slope].
@@ -149,18 +152,20 @@ def equilibrium(
     setting: Setting | None = None,
     *,
     start: RibbonState | None = None,
-    method: Method = "exact",
+    method: Method | None = None,
     tolerance: float = 1e-9,
 ) -> Equilibrium:
     """Local minimum of the energy from ``start`` (flat by default).
 
-    method     "exact": Ipopt with exact second derivatives; "augmented": the paper's augmented
+    method     "exact": Ipopt with exact second derivatives; "mixed": the same without the chain, at
+               O(N) an iteration; None: "mixed" from `SPARSE` segments, else "exact"; "augmented": the paper's augmented
                Lagrangian around L-BFGS-B
     tolerance  of the gradient over D W / l; the augmented Lagrangian often ends in rounding before
     Raises ValueError for a start that is none of the ribbon's, and for contradictory holds.
     """
+    method = method or ("mixed" if ribbon.segments >= SPARSE else "exact")
     if method not in get_args(Method):
-        raise ValueError(f"method must be 'exact' or 'augmented', got {method!r}")
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}; got {method!r}")
     begin = time.perf_counter()
     setting = setting or Setting()
     state = flat(ribbon) if start is None else start.checked(ribbon)
@@ -186,7 +191,7 @@ def _rest(
     for _ in range(MOST_RUNS):
         slopes = state.all_slopes
         potential = setting.potential(ribbon, physics, state, slopes=slopes)
-        outcome = _minimum(potential, state, method, tolerance)
+        outcome = _minimum(potential, physics, state, method, tolerance)
         state = potential.coordinates.state(outcome.z)
         broken = outcome.stop in (Stop.NONFINITE, Stop.FAILED)
         if broken or _same_quads(ribbon, setting, slopes, state):
@@ -219,7 +224,15 @@ def _aside(found: Equilibrium) -> RibbonState:
     return space.state(np.clip(z, space.lower, space.upper))
 
 
-def _minimum(potential: Potential, state: RibbonState, method: Method, tolerance: float) -> Outcome:
+def _minimum(
+    potential: Potential,
+    physics: RibbonPhysics,
+    state: RibbonState,
+    method: Method,
+    tolerance: float,
+) -> Outcome:
+    if method == "mixed":
+        return mixed(potential, physics, state, gradient=tolerance)
     program = potential.program(potential.coordinates.pack(state))
     if method == "exact":
         return exact(program, feasibility=1e-10, gradient=tolerance)
