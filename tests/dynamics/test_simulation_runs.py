@@ -20,6 +20,7 @@ from casashell.dynamics.simulation import (
     Simulation,
     SimulationStatus,
 )
+from casashell.problem import Problem
 from casashell.result import Result
 from formulations.wind import FaceWind
 
@@ -127,6 +128,19 @@ def test_what_cannot_be_simulated_is_refused() -> None:
             simulate(result, **{"seconds": 0.1, **change})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="problem="):
         simulate(replace(result, energies=()), 0.1)
+
+
+def test_a_result_from_a_file_takes_its_energies_from_the_problem() -> None:
+    result = landing()
+    terms, bare = result.energies, replace(result, energies=())
+    problem = Problem(result.target, terms, result.obstacles)
+    run = simulate(bare, 0.1, problem=problem)
+    assert np.array_equal(run.positions, simulate(result, 0.1).positions)
+    shifted = result.target.moved(result.target.vertices + 0.1)
+    with pytest.raises(ValueError, match="another target"):
+        simulate(bare, 0.1, problem=Problem(shifted, terms, result.obstacles))
+    with pytest.raises(ValueError, match="pins other"):
+        simulate(bare, 0.1, problem=Problem(result.target, terms, result.obstacles, [0]))
 
 
 def test_a_start_deep_inside_a_body_is_refused() -> None:
