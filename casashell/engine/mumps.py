@@ -1,11 +1,12 @@
-"""MUMPS from the library that CasADi's wheel brings for Ipopt, through cffi.
+"""MUMPS from the library that CasADi's wheel brings for Ipopt, through ctypes.
 
-The control structure is parsed from the header of the installed wheel, never written down here: its
+The control structure is read from the header of the installed wheel, never written down here: its
 layout follows the MUMPS version.
 """
 
 from __future__ import annotations
 
+import ctypes
 import re
 import weakref
 from collections.abc import Callable
@@ -14,17 +15,22 @@ from pathlib import Path
 from typing import Any, Final
 
 import casadi as ca
-import cffi
 import numpy as np
 
 from casashell.engine.sparse_solver import SingularMatrix, Symmetry, check_rhs
 from casashell.typing import FloatArray, IntArray
 
 _USE_COMM_WORLD = -987654
-_TYPES = """
-typedef int MUMPS_INT; typedef int64_t MUMPS_INT8;
-typedef double DMUMPS_COMPLEX; typedef double DMUMPS_REAL;
-"""
+_TYPES: Final[dict[str, Any]] = {
+    "MUMPS_INT": ctypes.c_int,
+    "MUMPS_INT8": ctypes.c_int64,
+    "DMUMPS_COMPLEX": ctypes.c_double,
+    "DMUMPS_REAL": ctypes.c_double,
+    "char": ctypes.c_char,
+}
+_INTEGERS, _NUMBERS = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double)
+#: A pointer, a number or an array of a length that is a sum.
+_MEMBER: Final = re.compile(r"(\*?)\s*(\w+)\s*(?:\[([\d\s+]+)\])?")
 _ERRORS = {
     -6: "the matrix is structurally singular",
     -10: "the matrix is numerically singular",
@@ -49,23 +55,43 @@ def _library() -> Path:
 _MANY: Final = 20_000
 
 
-@cache
-def _open() -> tuple[cffi.FFI, Any]:
-    """The library and its declarations; raises OSError when either is missing."""
-    headers = sorted(_folder().glob("include/**/dmumps_c.h"))
-    if not headers:
-        raise OSError("CasADi's package has no dmumps_c.h")
-    text = headers[0].read_text()
+def _header() -> Path:
+    for pattern in ("include/*/*/dmumps_c.h", "include/**/dmumps_c.h"):
+        found = sorted(_folder().glob(pattern))
+        if found:
+            return found[0]
+    raise OSError("CasADi's package has no dmumps_c.h")
+
+
+def _fields(text: str) -> list[tuple[str, Any]]:
+    """Members of the structure in a header, in order; raises OSError for what it cannot read."""
     version = re.search(r"define\s+MUMPS_VERSION_MAX_LEN\s+(\d+)", text)
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
-    found = re.search(r"typedef\s+struct\s*\{.*?\}\s*DMUMPS_STRUC_C\s*;", text, flags=re.S)
+    found = re.search(r"typedef\s+struct\s*\{(.*?)\}\s*DMUMPS_STRUC_C\s*;", text, flags=re.S)
     if found is None:
         raise OSError("cannot read the MUMPS structure from dmumps_c.h")
-    struct = re.sub(r"^\s*#.*$", "", found.group(0), flags=re.M)
+    struct = re.sub(r"^\s*#.*$", "", found.group(1), flags=re.M)
     struct = struct.replace("MUMPS_VERSION_MAX_LEN", version.group(1) if version else "30")
-    ffi = cffi.FFI()
-    ffi.cdef(_TYPES + struct + "\nvoid dmumps_c(DMUMPS_STRUC_C *);")
-    return ffi, ffi.dlopen(str(_library()))
+    fields: list[tuple[str, Any]] = []
+    for declaration in filter(None, map(str.strip, struct.split(";"))):
+        kind, _, names = declaration.partition(" ")
+        for name in names.split(","):
+            member = _MEMBER.fullmatch(name.strip())
+            if kind not in _TYPES or member is None:
+                raise OSError(f"cannot read '{declaration}' in dmumps_c.h")
+            pointer, label, size = member.groups()
+            made = ctypes.POINTER(_TYPES[kind]) if pointer else _TYPES[kind]
+            if size:
+                made = made * sum(int(number) for number in size.split("+"))
+            fields.append((label, made))
+    return fields
+
+
+@cache
+def _open() -> tuple[type[ctypes.Structure], Any]:
+    """The control structure and the library; raises OSError when either is missing."""
+    fields = _fields(_header().read_text())
+    return type("Control", (ctypes.Structure,), {"_fields_": fields}), ctypes.CDLL(str(_library()))
 
 
 @cache
@@ -74,11 +100,9 @@ def _threads() -> tuple[Callable[[int], None], int]:
 
     Does nothing where CasADi's package brings another BLAS.
     """
-    ffi = cffi.FFI()
-    ffi.cdef("void openblas_set_num_threads(int); int openblas_get_num_threads(void);")
     for path in sorted(_folder().glob("libcasadi-tp-openblas.so.*")):
         try:
-            blas = ffi.dlopen(str(path))
+            blas = ctypes.CDLL(str(path))
             return blas.openblas_set_num_threads, int(blas.openblas_get_num_threads())
         except (OSError, AttributeError):
             continue
@@ -87,7 +111,7 @@ def _threads() -> tuple[Callable[[int], None], int]:
 
 def _finish(library: Any, state: Any) -> None:
     state.job = -2
-    library.dmumps_c(state)
+    library.dmumps_c(ctypes.byref(state))
 
 
 class Mumps:
@@ -96,7 +120,7 @@ class Mumps:
     name = "mumps"
 
     def __init__(self, indptr: IntArray, indices: IntArray, symmetry: Symmetry) -> None:
-        self._ffi, self._library = _open()
+        self._control, self._library = _open()
         self._size = len(indptr) - 1
         row = np.repeat(np.arange(self._size), np.diff(indptr))
         self._symmetric = symmetry == "symmetric"
@@ -108,19 +132,19 @@ class Mumps:
         self._start()
 
     def _start(self) -> None:
-        ffi, state = self._ffi, self._ffi.new("DMUMPS_STRUC_C *")
+        state: Any = self._control()
         state.par, state.sym, state.job = 1, 2 if self._symmetric else 0, -1
         state.comm_fortran = _USE_COMM_WORLD
-        self._library.dmumps_c(state)
+        self._library.dmumps_c(ctypes.byref(state))
         for i in range(3):
             state.icntl[i] = -1
         state.icntl[3] = 0
         # AMD analyses faster and orders small matrices better; METIS wins on large ones.
         state.icntl[6] = 0 if self._size < 5000 else 5
         state.n, state.nnz = self._size, len(self._row)
-        state.irn = ffi.cast("MUMPS_INT *", self._row.ctypes.data)
-        state.jcn = ffi.cast("MUMPS_INT *", self._column.ctypes.data)
-        state.a = ffi.cast("DMUMPS_COMPLEX *", self._values.ctypes.data)
+        state.irn = self._row.ctypes.data_as(_INTEGERS)
+        state.jcn = self._column.ctypes.data_as(_INTEGERS)
+        state.a = self._values.ctypes.data_as(_NUMBERS)
         self._state = state
         self._close = weakref.finalize(self, _finish, self._library, state)
         self._analysed = False
@@ -130,7 +154,7 @@ class Mumps:
         set_threads, usual = _threads()
         set_threads(1 if self._size < _MANY else usual)
         try:
-            self._library.dmumps_c(self._state)
+            self._library.dmumps_c(ctypes.byref(self._state))
         finally:
             set_threads(usual)
         return int(self._state.infog[0])
@@ -161,7 +185,7 @@ class Mumps:
         columns = np.asfortranarray(np.array(rhs, dtype=np.float64, order="F", copy=True))
         self._state.nrhs = 1 if columns.ndim == 1 else columns.shape[1]
         self._state.lrhs = self._size
-        self._state.rhs = self._ffi.cast("DMUMPS_COMPLEX *", columns.ctypes.data)
+        self._state.rhs = columns.ctypes.data_as(_NUMBERS)
         code = self._run(3)
         if code < 0:
             raise SingularMatrix(f"MUMPS solve: {_ERRORS.get(code, f'error {code}')}")

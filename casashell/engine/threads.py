@@ -14,4 +14,5 @@ def one_thread() -> AbstractContextManager[object]:
     """A context in which dense linear algebra runs on the thread that calls it."""
     from threadpoolctl import threadpool_limits
 
-    return threadpool_limits(limits=1, user_api="blas")
+    limits: AbstractContextManager[object] = threadpool_limits(limits=1, user_api="blas")
+    return limits
