@@ -1,0 +1,99 @@
+"""Implicit Euler by Newton's method on nodes and tensions together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.ribbon_fem.body import Body
+from benchmarks.ribbon_fem.saddle import Saddle
+from casashell.engine.sparse_solver import SingularMatrix
+from casashell.typing import FloatArray
+
+#: Length of the last Newton move, in lengths of the mean edge, that ends a step.
+TOLERANCE = 1e-8
+BUDGET = 60
+_STIFFER = 4.0
+
+
+class StepFailed(RuntimeError):
+    """A step did not converge; the message says how far it came."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Nodes x (n,3) [m], velocities v (n,3) [m/s] and tensions (P,) of the forms at a time [s]."""
+
+    x: FloatArray
+    v: FloatArray
+    tension: FloatArray
+    time: float
+    iterations: int = 0
+
+
+class ImplicitEuler:
+    """min |x - x0 - h v0|^2_M / (2 h^2) + E(x) + forms - f.x, each step.
+
+    The tensions of the forms are unknowns of their own, so that it makes no difference to Newton's
+    method how stiff the forms are.  Where second derivatives are not positive those of the forms are
+    left out, then all are raised by a multiple of the mass.  No node moves more than a mean edge in an iteration.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self.edge = body.patch.mesh.mean_edge_length
+        self._saddle = Saddle(body, elastic=True)
+
+    def begin(self, x: FloatArray | None = None, v: FloatArray | None = None) -> State:
+        """The state at t = 0: flat and at rest by default.  ValueError for nodes of another body."""
+        x = np.array(self.body.rest if x is None else x, dtype=np.float64)
+        v = np.zeros_like(x) if v is None else np.array(v, dtype=np.float64)
+        if x.shape != self.body.rest.shape or v.shape != x.shape:
+            raise ValueError(f"nodes and velocities must be {self.body.rest.shape}")
+        return State(self.body.held(x, 0.0), v, np.zeros(len(self.body.forms)), 0.0)
+
+    def step(self, state: State, h: float) -> State:
+        """One step of h [s]; raises StepFailed when Newton's method does not converge."""
+        target = state.x + h * state.v
+        x = self.body.held(state.x, state.time + h)
+        try:
+            x, tension, count = self._newton(x, state.tension, target, h)
+        except SingularMatrix as error:
+            raise StepFailed(f"step to t = {state.time + h:g}: {error}") from None
+        return State(x, (x - state.x) / h, tension, state.time + h, count)
+
+    def _newton(
+        self, x: FloatArray, tension: FloatArray, target: FloatArray, h: float
+    ) -> tuple[FloatArray, FloatArray, int]:
+        body, inertia = self.body, self.body.mass / h**2
+        longest = np.inf
+        for count in range(1, BUDGET + 1):
+            gradient, entries = body.assembly.hessian(x, body.rest)
+            gradient += inertia[:, None] * (x - target) - body.force
+            self._factor(x, entries, tension, inertia)
+            move, tension = self._saddle.solve(-gradient, -body.forms.values(x), tension)
+            longest = float(np.sqrt((move * move).sum(axis=1)).max())
+            if longest <= TOLERANCE * self.edge:
+                return x + move, tension, count
+            x = x + min(1.0, self.edge / longest) * move
+        raise StepFailed(
+            f"no convergence in {BUDGET} iterations with h = {h:g} s: the last move was "
+            f"{longest:.1e} m; try a shorter step"
+        )
+
+    def _factor(
+        self, x: FloatArray, entries: FloatArray, tension: FloatArray, inertia: FloatArray
+    ) -> None:
+        """Factor second derivatives, made positive."""
+        if self._saddle.factor(inertia, x, entries, tension):
+            return
+        turning = np.zeros_like(tension)
+        if self._saddle.factor(inertia, x, entries, turning):
+            return
+        raised = 1e-6 * float(np.abs(entries).max()) * self.body.mass / float(self.body.mass.max())
+        for _ in range(30):
+            if self._saddle.factor(inertia + raised, x, entries, turning):
+                return
+            raised = _STIFFER * raised
+        raise SingularMatrix("second derivatives cannot be made positive")
