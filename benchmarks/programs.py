@@ -50,8 +50,10 @@ class Run:
     memory: float
 
 
-def measured(command: list[str], repeats: int, patience: float = 3600.0) -> Run | None:
-    """The run of median time; None when it fails or takes longer than ``patience`` seconds."""
+def measured(
+    command: list[str], repeats: int, patience: float = 3600.0, allowed: tuple[int, ...] = (0,)
+) -> Run | None:
+    """The run of median time; None when its exit code is not ``allowed`` or it takes too long."""
     runs = []
     for _ in range(repeats):
         begin = time.perf_counter()
@@ -68,7 +70,7 @@ def measured(command: list[str], repeats: int, patience: float = 3600.0) -> Run 
                     return None
                 else:
                     time.sleep(0.005)
-        if child.returncode != 0:
+        if child.returncode not in allowed:
             return None
         wall = time.perf_counter() - begin
         runs.append(Run(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024))

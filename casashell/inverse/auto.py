@@ -32,7 +32,7 @@ NEAR_ENOUGH: Final = 0.3
 #: Iterations of the program, and steps of the free pose.
 NLP_ITERATIONS, POSE_STEPS = 75, 15
 #: Processor seconds that each of the dearer rungs may take: other work on the machine changes nothing.
-PATIENCE: Final = 12.0
+PATIENCE: Final = 15.0
 #: Vertices up to which the two-step method gets less, in proportion: it ends late where it fails.
 FULL_PATIENCE: Final = 100
 #: Rounding of the elastic forces / f0 beyond which no method sees the weight.
