@@ -74,8 +74,8 @@ class BandLayout:
         made = np.where(there == here + 1, diagonal + place, made)
         flat = within >= 9
         both = flat[:, :, None] & flat[:, None, :]
-        first, second = 2 * node + within - 9, 2 * node + within - 9
-        pair = diagonal + above + 2 * self.stations * first[:, :, None] + second[:, None, :]
+        number = 2 * node + within - 9
+        pair = diagonal + above + 2 * self.stations * number[:, :, None] + number[:, None, :]
         made = np.where(both, pair, made)
         unused = dropped[:, :, None] | dropped[:, None, :]
         if np.any((np.abs(here - there) > 1) & ~both & ~unused):
@@ -202,7 +202,8 @@ class _Moments:
 
 
 def _curl(moment: FloatArray) -> FloatArray:
-    return moment - np.trace(moment, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    trace = np.trace(moment, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(moment - trace * np.eye(3))
 
 
 def _composite(
@@ -265,7 +266,7 @@ def _same_crease(shape: Strip, moments: _Moments) -> FloatArray:
     twice[:, 0], twice[:, 1] = -3.0 * c * sine * root**5, (2.0 * c * c - 1.0) * sine * root**5
     twice[:, 2] = 2.0 * c * turn * root**4
     local = np.einsum("iab,ia->ib", shape.before, moments.torque)
-    made = np.einsum("ipa,iab,iqb->ipq", spins, moments.curl, spins)
+    made = np.asarray(np.einsum("ipa,iab,iqb->ipq", spins, moments.curl, spins))
     made[:, 0, 0] += np.einsum("ia,ia->i", twice, local)
     both = made[:, 0, 1] + np.einsum("ia,ia->i", mixed, local)
     made[:, 0, 1] = made[:, 1, 0] = both

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from casashell.ribbon.chain import BOTTOM, COORDINATES, NORMAL, TOP
@@ -123,6 +124,31 @@ def material(
     crossed = begins if slopes is None else begins + slopes[:-1] * y
     quad = max(int(np.searchsorted(crossed, s, side="right")) - 1, 0)
     return quad, np.array([s, y, begins[quad], ribbon.segment, ribbon.width])
+
+
+def custom(
+    ribbon: Ribbon,
+    energy: Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], ca.SX],
+    stations: Sequence[int] | None = None,
+) -> Term:
+    """Any energy of single stations: ``energy(c, beta, bottom, top, normal)`` -> J in CasADi symbols.
+
+    bottom, top and normal are (3,) symbols; all stations 0 .. N by default.  For energies of several
+    stations make a `Term` of a density.  Raises ValueError for stations outside of the ribbon and for
+    an energy that is no number.
+    """
+    x, r, p = ca.SX.sym("x", 3, 4), ca.SX.sym("r", 3, 4), ca.SX.sym("p", 1)
+    value = ca.SX(energy(x[0, 0], x[1, 0], x[:, 1], x[:, 2], x[:, 3]))
+    if value.shape != (1, 1):
+        raise ValueError(f"an energy must be one number, got shape {value.shape}")
+    wanted = range(ribbon.segments + 1) if stations is None else stations
+    which = np.asarray(wanted, dtype=np.int64)
+    wrong = which[(which < 0) | (which > ribbon.segments)]
+    if wrong.size:
+        raise ValueError(f"station {wrong[0]}: the ribbon has 0 .. {ribbon.segments}")
+    rows = np.array([COORDINATES, BOTTOM, TOP, NORMAL], dtype=np.int64)
+    density = ca.Function("ribbon_custom", [x, r, p], [value])
+    return Term(density, 4 * which[:, None] + rows, np.zeros((len(which), 1)))
 
 
 def elastic(ribbon: Ribbon, physics: RibbonPhysics) -> tuple[Term, ...]:

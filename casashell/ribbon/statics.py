@@ -30,6 +30,9 @@ Junction: TypeAlias = Literal["flat", "crease"]
 
 #: Segments from which the sparse program was measured to be faster than the dense one.
 SPARSE = 200
+#: Iterations after which it has lost its way, as it does under strong loads from far: the dense one,
+#: whose trial shapes are developable, does not.
+PATIENCE = 60
 #: Runs after which the quads that hold loaded and attached points must no longer change.
 MOST_RUNS = 8
 #: Saddles to leave behind, and how far a start beside one is from it [rad, slope].
@@ -158,13 +161,12 @@ def equilibrium(
     """Local minimum of the energy from ``start`` (flat by default).
 
     method     "exact": Ipopt with exact second derivatives; "mixed": the same without the chain, at
-               O(N) an iteration; None: "mixed" from `SPARSE` segments, else "exact"; "augmented": the paper's augmented
-               Lagrangian around L-BFGS-B
+               O(N) an iteration; "augmented": the paper's augmented Lagrangian around L-BFGS-B;
+               None: "mixed" from `SPARSE` segments, and "exact" below or when that fails
     tolerance  of the gradient over D W / l; the augmented Lagrangian often ends in rounding before
     Raises ValueError for a start that is none of the ribbon's, and for contradictory holds.
     """
-    method = method or ("mixed" if ribbon.segments >= SPARSE else "exact")
-    if method not in get_args(Method):
+    if method is not None and method not in get_args(Method):
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}; got {method!r}")
     begin = time.perf_counter()
     setting = setting or Setting()
@@ -184,7 +186,7 @@ def _rest(
     physics: RibbonPhysics,
     setting: Setting,
     state: RibbonState,
-    method: Method,
+    method: Method | None,
     tolerance: float,
 ) -> Equilibrium:
     """Where one descent ends."""
@@ -228,13 +230,17 @@ def _minimum(
     potential: Potential,
     physics: RibbonPhysics,
     state: RibbonState,
-    method: Method,
+    method: Method | None,
     tolerance: float,
 ) -> Outcome:
     if method == "mixed":
         return mixed(potential, physics, state, gradient=tolerance)
+    if method is None and state.segments >= SPARSE:
+        found = mixed(potential, physics, state, gradient=tolerance, iterations=PATIENCE)
+        if found.stop is Stop.CONVERGED:
+            return found
     program = potential.program(potential.coordinates.pack(state))
-    if method == "exact":
+    if method != "augmented":
         return exact(program, feasibility=1e-10, gradient=tolerance)
     return augmented(program, Schedule(gradient=max(tolerance, 1e-7), feasibility=1e-9))
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from casashell.ribbon.forces import PointLoad, guiding
+from casashell.ribbon.forces import PointLoad, custom, guiding
 from casashell.ribbon.holds import Attachment, HeldEnd
 from casashell.ribbon.ribbon import Ribbon, RibbonState
 from casashell.ribbon.statics import Equilibrium, Method, Setting, equilibrium
@@ -135,6 +136,37 @@ def test_loads_act_at_their_material_point() -> None:
     # Clapeyron for small loads: elastic energy is half of the work.
     assert bent == pytest.approx(0.5 * -0.1 * moved[2], rel=0.05)
     assert np.abs(found.state.slopes).max() > 1e-3
+
+
+def test_any_energy_of_the_user_takes_part() -> None:
+    """A spring from the tip to a point: its pull is what bends the strip, so forces balance there."""
+    ribbon = Ribbon(1.0, WIDTH, 20, clamp_crease=True)
+    spring = custom(
+        ribbon,
+        lambda c, beta, bottom, top, normal: (
+            5 * ca.sumsqr((bottom + top) / 2 - ca.DM([1.0, 0.0, 0.5]))
+        ),
+        stations=[20],
+    )
+    found = equilibrium(ribbon, PHYSICS, Setting(terms=(spring,))).require()
+    tip = found.strip().middle[-1]
+    pull = 10 * (np.array([1.0, 0.0, 0.5]) - tip)
+    same = equilibrium(
+        ribbon, PHYSICS, Setting(loads=(PointLoad(1.0, 0.0, pull),)), start=found.state
+    ).require()
+    np.testing.assert_allclose(same.strip().middle[-1], tip, atol=1e-7)
+    assert tip[2] > 0.1
+
+
+def test_natural_angles_and_target_rulings_are_kept() -> None:
+    """Without loads a ribbon rests at its natural angles, and its rulings where they are wanted."""
+    n = 12
+    wanted = 0.4 * np.sin(np.pi * np.arange(1, n) / n)
+    ribbon = Ribbon(1.0, WIDTH, n, rest_angles=0.2, target_rulings=wanted)
+    found = equilibrium(ribbon, PHYSICS).require()
+    np.testing.assert_allclose(found.state.angles, 0.2, atol=1e-9)
+    np.testing.assert_allclose(found.state.slopes, wanted, atol=1e-5)
+    assert found.energy == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -81,3 +81,25 @@ def test_closed_ribbons() -> None:
     both(loop, heavy, circle(loop))
     band = Ribbon(1.0, 0.05, N, ends="moebius", energy="wunderlich", margin=0.02)
     both(band, Setting(), moebius(band)[0])
+
+
+def test_many_segments_are_solved_whichever_program_serves() -> None:
+    """From 200 segments the sparse program comes first; a strong load from far needs the dense one."""
+    for weight in (1.0, 500.0):
+        ribbon = Ribbon(1.0, 0.1, 200, clamp_crease=True)
+        found = equilibrium(ribbon, PHYSICS, Setting(gravity=(0, 0, -weight))).require()
+        coarse = Ribbon(1.0, 0.1, 40, clamp_crease=True)
+        near = equilibrium(coarse, PHYSICS, Setting(gravity=(0, 0, -weight))).require()
+        assert found.energy == pytest.approx(near.energy, rel=2e-2)
+
+
+@pytest.mark.parametrize("weight", [1e3, 1e5])
+@pytest.mark.parametrize("direction", [(0, 0, -1), (-1, 0, 0), (0.5, 0.3, -1)])
+def test_extreme_loads_end_at_rest(weight: float, direction: tuple[float, ...]) -> None:
+    """rho g L^3 / D up to 1e5, across the strip, against it and askew: certified, never NaN."""
+    ribbon = Ribbon(1.0, 0.1, N, density=weight, clamp_crease=True)
+    found = equilibrium(ribbon, PHYSICS, Setting(gravity=direction)).require()
+    assert np.isfinite(found.strip().table).all()
+    # It hangs below the clamp, not lower than a chain would.
+    hanging = -0.5 * weight * 0.1 * np.linalg.norm(direction)
+    assert hanging < found.energy < 0.3 * hanging
