@@ -13,18 +13,20 @@ from benchmarks.ribbon_fem.fast_projection import FastProjection
 from benchmarks.ribbon_fem.film import Film, drift, simulate
 from benchmarks.ribbon_fem.implicit import ImplicitEuler, StepFailed
 from benchmarks.ribbon_fem.nonconforming import nonconforming
-from benchmarks.ribbon_fem.patch import Hold, Patch, still, strip
+from benchmarks.ribbon_fem.patch import Guide, Hold, Patch, last_column, still, strip
 
 __all__ = [
     "Body",
     "FastProjection",
     "Film",
+    "Guide",
     "Hold",
     "ImplicitEuler",
     "Patch",
     "StepFailed",
     "conforming",
     "drift",
+    "last_column",
     "nonconforming",
     "simulate",
     "still",

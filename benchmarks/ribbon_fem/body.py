@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from benchmarks.ribbon_fem.forms import Forms
+from benchmarks.ribbon_fem.guiding import guided
 from benchmarks.ribbon_fem.patch import Patch
 from casashell.engine.assembly import Assembly
 from casashell.engine.energy import Energy
@@ -28,7 +29,7 @@ class Body:
 
     rest      (n,3) nodes of the flat sheet [m];  mass (n,) [kg]
     owner     (n,) the hold of a node, -1 where free
-    energies  what it costs to deform, gravity left out
+    energies  what it costs to deform, gravity left out; the guides of the patch come last
     forms     what keeps lengths, exactly or stiffly
     corners   nodes (n,3) -> corners (F,3,3) of every triangle; neighbours need not agree
     surface   nodes (n,3) -> vertices (V,3) of the mesh, where every vertex has one place
@@ -59,6 +60,18 @@ class Body:
         """(n,3) weight of every node [N]."""
         return np.outer(self.mass, np.asarray(self.patch.gravity))
 
+    def at(self, time: float) -> Assembly:
+        """Energies with the guides of a time; the pattern is that of ``assembly``."""
+        if not self.patch.guides:
+            return self.assembly
+        count = len(self.patch.guides)
+        own, moving = self.energies[:-count], self.energies[-count:]
+        turned = tuple(
+            replace(term, params=guided(len(guide.faces), guide.weight, guide.normal(time)))
+            for term, guide in zip(moving, self.patch.guides, strict=True)
+        )
+        return Assembly((*own, *turned), len(self.rest))
+
     def held(self, x: FloatArray, time: float) -> FloatArray:
         """``x`` (n,3) with the held nodes where they are at ``time``."""
         made = x.copy()
@@ -68,5 +81,5 @@ class Body:
         return made
 
     def energy(self, x: FloatArray) -> float:
-        """Elastic energy [J]."""
-        return self.assembly.energy(x, self.rest) + self.forms.energy(x)
+        """Elastic energy [J], that of guides left out."""
+        return self.assembly.energy(x, self.rest, load=0.0) + self.forms.energy(x)

@@ -24,6 +24,7 @@ import numpy as np
 
 from benchmarks.ribbon_fem.body import Body, nodal_mass
 from benchmarks.ribbon_fem.forms import Forms
+from benchmarks.ribbon_fem.guiding import guides
 from benchmarks.ribbon_fem.patch import Patch
 from casashell.engine.energy import Energy
 from casashell.mesh import TriMesh
@@ -86,7 +87,7 @@ def conforming(
         rest=rest,
         mass=nodal_mass(patch, mesh.faces, len(rest)),
         owner=patch.owner,
-        energies=(_bending(patch, bending),),
+        energies=(_bending(patch, bending), *guides(patch, mesh.faces)),
         forms=Forms.links(rest, edges) if inextensible else green_strains(patch, membrane),
         corners=corners,
         surface=np.array,

@@ -14,7 +14,8 @@ from casashell.typing import FloatArray
 #: Length of the last Newton move, in lengths of the mean edge, that ends a step.
 TOLERANCE = 1e-8
 BUDGET = 60
-_STIFFER = 4.0
+#: Least and most of what is added to the mass, in masses, and by what factor it grows.
+_LEAST, _MOST, _STIFFER = 1e-2, 1e8, 4.0
 
 
 class StepFailed(RuntimeError):
@@ -36,14 +37,16 @@ class ImplicitEuler:
     """min |x - x0 - h v0|^2_M / (2 h^2) + E(x) + forms - f.x, each step.
 
     The tensions of the forms are unknowns of their own, so that it makes no difference to Newton's
-    method how stiff the forms are.  Where second derivatives are not positive those of the forms are
-    left out, then all are raised by a multiple of the mass.  No node moves more than a mean edge in an iteration.
+    method how stiff the forms are.  Where second derivatives are not positive a multiple of the mass is
+    added.  No node moves more than a mean edge in
+    an iteration.
     """
 
     def __init__(self, body: Body) -> None:
         self.body = body
         self.edge = body.patch.mesh.mean_edge_length
         self._saddle = Saddle(body, elastic=True)
+        self._raised = _LEAST
 
     def begin(self, x: FloatArray | None = None, v: FloatArray | None = None) -> State:
         """The state at t = 0: flat and at rest by default.  ValueError for nodes of another body."""
@@ -58,18 +61,19 @@ class ImplicitEuler:
         target = state.x + h * state.v
         x = self.body.held(state.x, state.time + h)
         try:
-            x, tension, count = self._newton(x, state.tension, target, h)
+            x, tension, count = self._newton(x, state, target, h)
         except SingularMatrix as error:
             raise StepFailed(f"step to t = {state.time + h:g}: {error}") from None
         return State(x, (x - state.x) / h, tension, state.time + h, count)
 
     def _newton(
-        self, x: FloatArray, tension: FloatArray, target: FloatArray, h: float
+        self, x: FloatArray, start: State, target: FloatArray, h: float
     ) -> tuple[FloatArray, FloatArray, int]:
         body, inertia = self.body, self.body.mass / h**2
+        assembly, tension = body.at(start.time + h), start.tension
         longest = np.inf
         for count in range(1, BUDGET + 1):
-            gradient, entries = body.assembly.hessian(x, body.rest)
+            gradient, entries = assembly.hessian(x, body.rest)
             gradient += inertia[:, None] * (x - target) - body.force
             self._factor(x, entries, tension, inertia)
             move, tension = self._saddle.solve(-gradient, -body.forms.values(x), tension)
@@ -87,13 +91,12 @@ class ImplicitEuler:
     ) -> None:
         """Factor second derivatives, made positive."""
         if self._saddle.factor(inertia, x, entries, tension):
+            self._raised = max(0.5 * self._raised, _LEAST)
             return
-        turning = np.zeros_like(tension)
-        if self._saddle.factor(inertia, x, entries, turning):
-            return
-        raised = 1e-6 * float(np.abs(entries).max()) * self.body.mass / float(self.body.mass.max())
-        for _ in range(30):
-            if self._saddle.factor(inertia + raised, x, entries, turning):
+        raised = self._raised
+        while raised < _MOST:
+            if self._saddle.factor((1.0 + raised) * inertia, x, entries, tension):
+                self._raised = max(raised / _STIFFER, _LEAST)
                 return
-            raised = _STIFFER * raised
+            raised *= _STIFFER
         raise SingularMatrix("second derivatives cannot be made positive")

@@ -26,6 +26,7 @@ import numpy as np
 
 from benchmarks.ribbon_fem.body import Body, nodal_mass
 from benchmarks.ribbon_fem.forms import Forms
+from benchmarks.ribbon_fem.guiding import guides
 from benchmarks.ribbon_fem.patch import Patch
 from casashell.engine.energy import Energy
 from casashell.mesh import TriMesh
@@ -70,7 +71,7 @@ def nonconforming(patch: Patch, gap: float = 1.0) -> Body:
         rest=rest,
         mass=nodal_mass(patch, sides, len(rest)),
         owner=owner,
-        energies=(_bending(patch, sides, gap),),
+        energies=(_bending(patch, sides, gap), *guides(patch, sides)),
         forms=Forms.links(rest, pairs),
         corners=corners,
         surface=surface,

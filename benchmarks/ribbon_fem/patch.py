@@ -38,8 +38,20 @@ class Hold:
 
 
 @dataclass(frozen=True, eq=False)
+class Guide:
+    """The normals of ``faces`` are drawn to the unit vector ``normal`` (3,) of a time [s].
+
+    weight  k of k/2 |n - nstar|^2 [J], shared by the triangles
+    """
+
+    faces: IntArray
+    normal: Callable[[float], FloatArray]
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
 class Patch:
-    """Flat mesh, plate modulus D [J], density [kg/m2], gravity (3,) [m/s2] and what holds it.
+    """Flat mesh, plate modulus D [J], density [kg/m2], gravity (3,) [m/s2], what holds and guides it.
 
     Triangles with three held vertices lie beyond the ends of the sheet: they say how a clamp directs
     it, and belong to no length or area.
@@ -50,8 +62,12 @@ class Patch:
     density: float
     gravity: ArrayLike = (0.0, 0.0, 0.0)
     holds: tuple[Hold, ...] = ()
+    guides: tuple[Guide, ...] = ()
 
     def __post_init__(self) -> None:
+        for number, guide in enumerate(self.guides):
+            if not (np.isfinite(guide.weight) and guide.weight > 0 and len(guide.faces)):
+                raise ValueError(f"guide {number} needs faces and a weight > 0")
         for name in ("stiffness", "density"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
@@ -128,6 +144,12 @@ def strip(
     if end is not None:
         holds.append(Hold(np.flatnonzero(column >= columns), end))
     return Patch(mesh, stiffness, density, gravity, tuple(holds))
+
+
+def last_column(patch: Patch) -> IntArray:
+    """Triangles of the column of cells at the end of a strip with the largest x."""
+    x = patch.mesh.vertices[patch.mesh.faces][:, :, 0]
+    return np.flatnonzero(x.max(axis=1) > x.max() - 0.5 * (x.max(axis=1) - x.min(axis=1)))
 
 
 def _triangles(columns: int, rows: int, diagonals: Diagonals) -> IntArray:
