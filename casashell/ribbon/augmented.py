@@ -1,4 +1,4 @@
-"""Augmented Lagrangian around a minimiser on the box: L-BFGS-B as in Pan, Huang and Bao 2016, Sec. 4.
+"""Augmented Lagrangian around L-BFGS-B, as in Pan, Huang and Bao 2016, Sec. 4.
 
     L_A = f + y . C + (mu/2) |C|^2 + 1/(2 mu) sum ( max(0, v + mu G)^2 - v^2 ),    G = A z - b
 
@@ -7,7 +7,6 @@ Multipliers and penalty by the schedule of Nocedal and Wright, Numerical Optimiz
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,23 +75,6 @@ class Lagrangian:
             gradient = gradient + self.program.matrix.T @ force
         return value, gradient
 
-    def hessian(self, z: FloatArray) -> FloatArray:
-        """(n, n); of the side where each active inequality is kept."""
-        if self.program.hessian is None:
-            raise ValueError("this program has no second derivatives: use L-BFGS-B")
-        y, v, mu = self.at.equality, self.at.inequality, self.at.penalty
-        c, jacobian = self.program.equalities(z)
-        h = self.program.hessian(z, y + mu * c)
-        if len(y):
-            h = h + mu * (jacobian.T @ jacobian)
-        if len(v):
-            active = self.program.matrix[v + mu * self.program.inequalities(z) > 0]
-            h = h + mu * (active.T @ active)
-        return h
-
-
-Minimiser = Callable[[Lagrangian, FloatArray, float, Schedule], Inner]
-
 
 def lbfgsb(function: Lagrangian, start: FloatArray, gradient: float, schedule: Schedule) -> Inner:
     """SciPy's L-BFGS-B until the projected gradient is below ``gradient``."""
@@ -125,7 +107,6 @@ def augmented(
     program: Program,
     schedule: Schedule | None = None,
     warm: Multipliers | None = None,
-    minimiser: Minimiser = lbfgsb,
 ) -> Outcome:
     """Local minimum of ``program``, from its start and the multipliers of a run before.
 
@@ -139,7 +120,7 @@ def augmented(
     omega = max(plan.gradient, 1.0 / at.penalty) if len(at.equality) else plan.gradient
     inner = evaluations = 0
     for outer in range(1, plan.outer + 1):
-        run = minimiser(Lagrangian(program, at), z, omega, plan)
+        run = lbfgsb(Lagrangian(program, at), z, omega, plan)
         z, inner, evaluations = run.z, inner + run.iterations, evaluations + run.evaluations
         if run.stop is Stop.NONFINITE:
             return _outcome(program, z, at, run.stop, (outer, inner, evaluations))

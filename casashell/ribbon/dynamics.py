@@ -176,8 +176,8 @@ def simulate(
 ) -> RibbonSimulation:
     """Motion of ``scene`` over ``seconds`` in steps of ``step`` [s].
 
-    solver      "ipopt" and "newton" use exact second derivatives; "augmented" is the paper's method.
-                `Rule` explains these, resample, mass, form and tolerance
+    solver      "ipopt" uses exact second derivatives; "augmented" is the paper's method.  `Rule`
+                explains these, resample, mass, form and tolerance
     callback    gets a `Progress` after every step; False ends the run as INTERRUPTED
     workers     threads for several ribbons; as many as the machine has processors by default
     checkpoint  file that is written after every ``every`` steps and at the end; ``resume``: go on
@@ -225,30 +225,30 @@ class _Run:
             pasts = self.stepper.begin(self.h)
             frames = [Frame.of(self.stepper.scene, self.stepper.rule, pasts, 0.0, None)]
         status, message = RunStatus.COMPLETE, f"all {count} steps"
-        while len(frames) <= count:
+        stopped = False
+        while len(frames) <= count and not stopped:
             try:
                 pasts, frame = self._next(pasts, len(frames) - 1)
+                frames.append(frame)
+                stopped = self._told(pasts, frames, count)
             except KeyboardInterrupt:
-                status, message = (
-                    RunStatus.INTERRUPTED,
-                    f"interrupted after {len(frames) - 1} steps",
-                )
-                break
+                stopped = True
             except StepFailed as error:
                 status = RunStatus.FAILED
                 message = f"step {len(frames)} (t = {len(frames) * self.h:g} s) failed: {error}"
                 break
-            frames.append(frame)
-            if len(frames) % self.every == 1:
-                self._write(pasts, frames)
-            if self.callback is not None:
-                progress = Progress(len(frames) - 1, count, frame)
-                if self.callback(progress) is False:
-                    status = RunStatus.INTERRUPTED
-                    message = f"stopped by the caller after {len(frames) - 1} steps"
-                    break
+        if stopped:
+            status, message = RunStatus.INTERRUPTED, f"stopped after {len(frames) - 1} steps"
         self._write(pasts, frames)
         return RibbonSimulation.of(bodies, frames, status, message)
+
+    def _told(self, pasts: tuple[Past, ...], frames: list[Frame], count: int) -> bool:
+        """Write a checkpoint when it is due and tell the caller; true when that asks for the end."""
+        if len(frames) % self.every == 1:
+            self._write(pasts, frames)
+        if self.callback is None:
+            return False
+        return self.callback(Progress(len(frames) - 1, count, frames[-1])) is False
 
     def _next(self, pasts: tuple[Past, ...], number: int) -> tuple[tuple[Past, ...], Frame]:
         begin = time.perf_counter()

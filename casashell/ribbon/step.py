@@ -20,7 +20,6 @@ from casashell.ribbon.chain import BOTTOM, TOP, Strip
 from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.exact import exact
 from casashell.ribbon.forces import quads
-from casashell.ribbon.newton import newton
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.potential import Potential
 from casashell.ribbon.program import Multipliers, Outcome, Program, Stop
@@ -30,7 +29,7 @@ from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.typing import FloatArray
 
-Solver: TypeAlias = Literal["augmented", "newton", "ipopt"]
+Solver: TypeAlias = Literal["augmented", "ipopt"]
 Mass: TypeAlias = Literal["consistent", "lumped"]
 Form: TypeAlias = Literal["positions", "velocities"]
 
@@ -39,14 +38,13 @@ Form: TypeAlias = Literal["positions", "velocities"]
 class Rule:
     """How a step is made.
 
-    solver    "ipopt" (exact Hessian), "augmented" (the paper: L-BFGS-B inside an augmented
-              Lagrangian) or "newton" (exact Hessian inside the same augmented Lagrangian)
+    solver    "ipopt" (exact Hessian) or "augmented" (the paper: L-BFGS-B inside an augmented
+              Lagrangian)
     resample  "linear" (the paper) or "hermite"; None: linear for "augmented", hermite otherwise
     mass      "consistent" or "lumped" on the centreline
     form      "positions": both former shapes are resampled; "velocities": vertices carry velocities
     tolerance of the projected gradient, in units of D W / l; None: 1e-5 for "augmented", which
-              seldom gets further, 1e-6 for "newton", 1e-8 for "ipopt", which also counts
-              complementarity
+              seldom gets further, 1e-8 for "ipopt", which also counts complementarity
     feasibility of conditions, in their own units
     iterations most of a step
     Raises ValueError for names that are not known.
@@ -73,7 +71,7 @@ class Rule:
     @property
     def gradient(self) -> float:
         """The tolerance asked for, or the one that suits the solver."""
-        usual = {"augmented": 1e-5, "newton": 1e-6, "ipopt": 1e-8}
+        usual = {"augmented": 1e-5, "ipopt": 1e-8}
         return usual[self.solver] if self.tolerance is None else self.tolerance
 
     @property
@@ -212,8 +210,6 @@ def solve(program: Program, rule: Rule, warm: Multipliers | None = None) -> Outc
     schedule = Schedule(feasibility=rule.feasibility, gradient=rule.gradient, inner=rule.iterations)
     if warm is not None and len(warm.equality) != len(program.equalities(program.start)[0]):
         warm = None
-    if rule.solver == "newton":
-        return augmented(program, schedule, warm, newton)
     return augmented(program, schedule, warm)
 
 

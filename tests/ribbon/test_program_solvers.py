@@ -9,16 +9,10 @@ import pytest
 
 from casashell.ribbon.augmented import Schedule, augmented
 from casashell.ribbon.exact import exact, independent_rows
-from casashell.ribbon.newton import newton
 from casashell.ribbon.program import Outcome, Program, Stop
 from casashell.typing import FloatArray
 
-
-def newtonian(program: Program) -> Outcome:
-    return augmented(program, minimiser=newton)
-
-
-SOLVERS: list[Callable[[Program], Outcome]] = [augmented, exact, newtonian]
+SOLVERS: list[Callable[[Program], Outcome]] = [augmented, exact]
 INF = np.inf
 
 
@@ -144,37 +138,6 @@ def test_not_a_number_is_reported() -> None:
     )
     assert augmented(program).stop is Stop.NONFINITE
     assert exact(program).stop in (Stop.NONFINITE, Stop.FAILED)
-
-
-def test_newton_leaves_a_saddle_and_rosenbrock() -> None:
-    """Closed forms: (z1^2 - 1)^2 + z2^2 from near its saddle at 0; Rosenbrock's valley to (1, 1)."""
-
-    def double_well(z: FloatArray) -> tuple[float, FloatArray]:
-        well = z[0] ** 2 - 1.0
-        return float(well**2 + z[1] ** 2), np.array([4.0 * z[0] * well, 2.0 * z[1]])
-
-    def valley(z: FloatArray) -> tuple[float, FloatArray]:
-        off = z[1] - z[0] ** 2
-        gradient = np.array([-400.0 * z[0] * off - 2.0 * (1.0 - z[0]), 200.0 * off])
-        return float(100.0 * off**2 + (1.0 - z[0]) ** 2), gradient
-
-    def bend(z: FloatArray, y: FloatArray) -> FloatArray:
-        first = 1200.0 * z[0] ** 2 - 400.0 * z[1] + 2.0
-        return np.array([[first, -400.0 * z[0]], [-400.0 * z[0], 200.0]])
-
-    wide = np.full(2, 5.0)
-    well = Program(
-        np.array([0.1, 0.3]),
-        -wide,
-        wide,
-        double_well,
-        lambda z, y: np.diag([12 * z[0] ** 2 - 4, 2]),
-    )
-    for program in (well, Program(np.array([-1.2, 1.0]), -wide, wide, valley, bend)):
-        found = newtonian(program)
-        assert found.stop is Stop.CONVERGED
-        assert found.inner < 40
-        np.testing.assert_allclose(found.z[0], 1.0, atol=1e-6)
 
 
 def test_bad_programs_are_refused() -> None:

@@ -13,7 +13,7 @@ from casashell.typing import FloatArray
 from formulations.ribbon import ribbon_physics
 
 PHYSICS = ribbon_physics()
-SOLVERS = ["newton", "ipopt", "augmented"]
+SOLVERS = ["ipopt", "augmented"]
 
 
 def bent(ribbon: Ribbon, curl: float = 0.1, slope: float = 0.0) -> RibbonState:
@@ -99,4 +99,3 @@ def test_the_solvers_agree() -> None:
         assert sim.status is RunStatus.COMPLETE, sim.message
         tips.append(sim.tracks[0].middle[-1, -1])
     np.testing.assert_allclose(tips[1], tips[0], atol=1e-4 * 0.5)
-    np.testing.assert_allclose(tips[2], tips[0], atol=1e-4 * 0.5)
