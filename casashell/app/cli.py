@@ -78,6 +78,15 @@ def invert(
     step2: opt.Step2 = None,
     prefer: opt.Prefer = None,
     natural: opt.Natural = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            rich_help_panel=opt.SOLVER,
+            help="Result of the same mesh to begin with: another material or weight takes less time.",
+            show_default=False,
+        ),
+    ] = None,
     out: opt.Out = None,
     force: opt.Force = False,
     no_pictures: opt.NoPictures = False,
@@ -97,7 +106,7 @@ def invert(
         from casashell.app.invert import OutputOptions, run_invert
 
         output = OutputOptions(out, force, not no_pictures, quiet, as_json)
-        code = run_invert(scene, output, repair=repair)
+        code = run_invert(scene, output, repair=repair, start=start)
     raise typer.Exit(code)
 
 

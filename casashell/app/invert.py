@@ -14,7 +14,9 @@ from casashell.app.hints import hints
 from casashell.app.options import SceneOptions
 from casashell.app.scene import Scene, SceneSpec
 from casashell.contact.detect import describe
-from casashell.io.results import owned, record_of, save_result
+from casashell.inverse.methods import PRESETS, Choice
+from casashell.inverse.warm_start import WarmStart
+from casashell.io.results import load_result, owned, record_of, save_result
 from casashell.io.staging import check_folder
 from casashell.result import Result
 from casashell.solving import solve
@@ -46,8 +48,13 @@ class Clock:
         self.last = now
 
 
-def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) -> int:
-    """The whole command; the exit code.  Raises CommandError for what the user can mend."""
+def run_invert(
+    options: SceneOptions, output: OutputOptions, *, repair: bool, start: Path | None = None
+) -> int:
+    """The whole command; the exit code.  Raises CommandError for what the user can mend.
+
+    start  folder of an earlier result to begin with
+    """
     clock = Clock()
     folder = output.out or Path(f"{options.shell.stem}-natural")
     _check_out(folder, output.force)
@@ -56,6 +63,9 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
         _check_inputs_survive(spec, folder)
         scene = spec.load(repair=repair)
         contacts = describe(scene.problem.contacts, scene.obstacles)
+        earlier = None if start is None else load_result(start)
+        if earlier is not None:
+            require_start(earlier, scene)
     reporter = Reporter(quiet=output.quiet or output.as_json)
     reporter.scene(scene, contacts)
     for finding in scene.problem.findings:
@@ -63,7 +73,7 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
     for hint in hints(scene):
         reporter.line(f"hint: {hint}")
     clock.lap("read")
-    result = solve_scene(scene, reporter)
+    result = solve_scene(scene, reporter, earlier)
     clock.lap("solve")
     store(scene, result, folder, output, reporter, clock)
     if output.as_json:
@@ -71,7 +81,12 @@ def run_invert(options: SceneOptions, output: OutputOptions, *, repair: bool) ->
     return result.status.exit_code
 
 
-def solve_scene(scene: Scene, reporter: Reporter) -> Result:
+def require_start(earlier: Result, scene: Scene) -> None:
+    """ValueError unless this result can be the start of this scene."""
+    Choice(scene.method, scene.step2, PRESETS[0], None, WarmStart(earlier, scene.problem))
+
+
+def solve_scene(scene: Scene, reporter: Reporter, start: Result | None = None) -> Result:
     """Solve with a live line; the result knows the tolerance of the scene."""
     with reporter.live() as callback:
         result = solve(
@@ -80,6 +95,7 @@ def solve_scene(scene: Scene, reporter: Reporter) -> Result:
             step2=scene.step2,
             prefer=scene.prefer,
             natural=scene.natural,
+            start=start,
             callback=callback,
         )
     return replace(result, contact_tolerance=scene.problem.tolerance)

@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from casashell.app.scene import ObstacleSource, SceneSpec
 
-_SCENE, _MATERIAL, _SOLVER, _OUTPUT = "Scene", "Material", "Solver", "Output"
+_SCENE, _MATERIAL, SOLVER, _OUTPUT = "Scene", "Material", "Solver", "Output"
 
 
 def _text(text: str, *, default: str) -> str:
@@ -178,7 +178,7 @@ Method: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="auto|direct|two-step|nlp|free-pose",
-        rich_help_panel=_SOLVER,
+        rich_help_panel=SOLVER,
         help=_text(
             "direct: Newton on the natural shape; two-step: Ly 2018; nlp: one nonlinear program; "
             "free-pose: the closest stable pose when the target cannot be held; "
@@ -192,7 +192,7 @@ Step2: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="ipopt|bfgs",
-        rich_help_panel=_SOLVER,
+        rich_help_panel=SOLVER,
         help=_text(
             "Second step of two-step: a program with cone constraints, or descent.",
             default="ipopt",
@@ -204,7 +204,7 @@ Prefer: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         metavar="MESH",
-        rich_help_panel=_SOLVER,
+        rich_help_panel=SOLVER,
         help="Natural shape to stay near where contacts leave a choice: a flat sheet, an old version.",
         show_default=False,
     ),
@@ -213,7 +213,7 @@ Natural: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="mesh|metric",
-        rich_help_panel=_SOLVER,
+        rich_help_panel=SOLVER,
         help=_text(
             "metric: also rest lengths and angles (metric.npz), and those alone where the "
             "material is too soft for a natural mesh; see casashell export.",

@@ -1,4 +1,4 @@
-"""`--prefer` and the key of the scene file."""
+"""`--prefer` and the key of the scene file; `--start`."""
 
 from __future__ import annotations
 
@@ -45,4 +45,25 @@ def test_another_mesh_is_refused(page_file: Path, options: list[str]) -> None:
     outcome = run("invert", page_file, *options, "--prefer", "other.obj", "--out", "out", SILENT)
     assert outcome.exit_code == 2
     assert "same order" in outcome.stderr
+    assert not Path("out").exists()
+
+
+def test_an_earlier_result_is_where_another_material_begins(
+    solved: Path, options: list[str]
+) -> None:
+    outcome = run(
+        *("invert", "page.obj", *options, "--bend", "1.2e-2", "--start", solved),
+        *("--out", "again", SILENT),
+    )
+    assert outcome.exit_code == 0, outcome.output
+    notes = json.loads(Path("again/result.json").read_text())["notes"]
+    assert any("earlier natural shape" in note for note in notes)
+
+
+def test_a_start_that_is_no_result_is_refused_before_any_work(
+    page_file: Path, options: list[str]
+) -> None:
+    outcome = run("invert", page_file, *options, "--start", ".", "--out", "out", SILENT)
+    assert outcome.exit_code == 2
+    assert "holds no result" in outcome.output
     assert not Path("out").exists()
