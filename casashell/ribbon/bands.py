@@ -24,7 +24,7 @@ def closed(
     physics: RibbonPhysics,
     setting: Setting | None = None,
     *,
-    method: Method | None = None,
+    method: Method = "exact",
 ) -> Equilibrium:
     """The loop or the Moebius band with half a twist which ``ribbon`` is at rest.
 
