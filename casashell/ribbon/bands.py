@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from casashell.engine.threads import one_thread
 from casashell.ribbon.loops import circle, moebius
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.ribbon import Ribbon, RibbonState
@@ -39,7 +40,9 @@ def closed(
     coarse = min(ribbon.segments, COARSE)
     narrow = replace(ribbon, width=width)
     first, _ = refined(narrow, RibbonState(*np.zeros((2, ribbon.segments - 1))), coarse)
-    bands = [equilibrium(first, physics, start=start) for start in moebius(first)]
+    with one_thread():
+        starts = moebius(first)
+    bands = [equilibrium(first, physics, start=start) for start in starts]
     found = min(bands, key=lambda band: (not band.certified, band.energy))
     narrow, start = refined(first, found.state, ribbon.segments)
     widest = ribbon.length / math.sqrt(3.0)

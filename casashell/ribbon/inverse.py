@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import null_space
 
+from casashell.engine.threads import one_thread
 from casashell.ribbon import forces
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.potential import Potential
@@ -71,8 +72,14 @@ def natural_ribbon(
     from those of the pose.
     Raises ValueError for a pose that is none of the ribbon's, or that its holds do not allow.
     """
-    setting = setting or Setting()
     pose.checked(ribbon)
+    with one_thread():
+        return _natural(ribbon, physics, pose, setting or Setting())
+
+
+def _natural(
+    ribbon: Ribbon, physics: RibbonPhysics, pose: RibbonState, setting: Setting
+) -> InverseRibbon:
     # Natural as in the pose: only what has to be balanced is left.
     relaxed = replace(
         ribbon,

@@ -160,6 +160,8 @@ def equilibrium(
                iteration, two to three times faster than "exact" at 300 segments and even at 150,
                but only from a start near the end: far from it, under strong loads, it gets lost
     tolerance  of the gradient over D W / l; the augmented Lagrangian often ends in rounding before
+    Where a strip is flat its rulings cost nothing but the regulariser, and so does their turning: flat
+    and loaded in its own plane it is at rest, for any load.  Start from a bent state to see it twist.
     Raises ValueError for a start that is none of the ribbon's, and for contradictory holds.
     """
     if method not in get_args(Method):
