@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from casashell.ribbon.holds import Attachment, HeldEnd
     from casashell.ribbon.inverse import InverseRibbon, natural_ribbon
     from casashell.ribbon.physics import RibbonPhysics
+    from casashell.ribbon.record import RibbonSimulation, RunStatus
     from casashell.ribbon.ribbon import Ribbon, RibbonState
     from casashell.ribbon.scene import Body, Guide, Scene
     from casashell.ribbon.statics import Equilibrium, Setting, equilibrium
@@ -28,8 +29,10 @@ __all__ = [
     "PointLoad",
     "Ribbon",
     "RibbonPhysics",
+    "RibbonSimulation",
     "RibbonState",
     "Rule",
+    "RunStatus",
     "Scene",
     "Setting",
     "closed",
@@ -46,6 +49,7 @@ _PLACES = {
     "casashell.ribbon.holds": ("Attachment", "HeldEnd"),
     "casashell.ribbon.inverse": ("InverseRibbon", "natural_ribbon"),
     "casashell.ribbon.physics": ("RibbonPhysics",),
+    "casashell.ribbon.record": ("RibbonSimulation", "RunStatus"),
     "casashell.ribbon.ribbon": ("Ribbon", "RibbonState"),
     "casashell.ribbon.scene": ("Body", "Guide", "Scene"),
     "casashell.ribbon.statics": ("Equilibrium", "Setting", "equilibrium"),

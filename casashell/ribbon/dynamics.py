@@ -139,7 +139,7 @@ class Stepper:
         """Raise StepFailed for a minimum that is none, or that does not meet its conditions."""
         outcome = end.outcome
         name = self.scene.bodies[number].name or f"ribbon {number}"
-        if not (end.usable and np.all(np.isfinite(end.points))):
+        if not (end.usable(self.rule) and np.all(np.isfinite(end.points))):
             raise StepFailed(f"{name}: {outcome.stop.value}")
         if outcome.violation > 100.0 * self.rule.feasibility:
             raise StepFailed(f"{name}: conditions are off by {outcome.violation:.1e}")

@@ -29,6 +29,9 @@ from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.typing import FloatArray
 
+#: Projected gradient, in units of D W / l, below which Ipopt's smallest steps are an end.
+_NEARLY = 1e-3
+
 Solver: TypeAlias = Literal["augmented", "ipopt"]
 Mass: TypeAlias = Literal["consistent", "lumped"]
 Form: TypeAlias = Literal["positions", "velocities"]
@@ -46,7 +49,7 @@ class Rule:
     tolerance of the projected gradient, in units of D W / l; None: 1e-5 for "augmented", which
               seldom gets further, 1e-8 for "ipopt", which also counts complementarity
     feasibility of conditions, in their own units
-    iterations most of a step
+    iterations most of one minimisation; None: 3000 for "augmented", 500 for "ipopt"
     Raises ValueError for names that are not known.
     """
 
@@ -56,7 +59,7 @@ class Rule:
     form: Form = "positions"
     tolerance: float | None = None
     feasibility: float = 1e-8
-    iterations: int = 3000
+    iterations: int | None = None
 
     def __post_init__(self) -> None:
         for name, names in (("solver", Solver), ("mass", Mass), ("form", Form)):
@@ -65,7 +68,7 @@ class Rule:
                 raise ValueError(f"{name} must be one of {wanted}; got {getattr(self, name)!r}")
         if self.resample not in (None, "linear", "hermite"):
             raise ValueError(f"resample must be 'linear' or 'hermite', got {self.resample!r}")
-        if not (self.gradient > 0 and self.feasibility > 0 and self.iterations > 0):
+        if not (self.gradient > 0 and self.feasibility > 0 and self.most > 0):
             raise ValueError("tolerance, feasibility and iterations must be positive")
 
     @property
@@ -73,6 +76,12 @@ class Rule:
         """The tolerance asked for, or the one that suits the solver."""
         usual = {"augmented": 1e-5, "ipopt": 1e-8}
         return usual[self.solver] if self.tolerance is None else self.tolerance
+
+    @property
+    def most(self) -> int:
+        """The limit asked for, or the one that suits the solver."""
+        usual = {"augmented": 3000, "ipopt": 500}
+        return usual[self.solver] if self.iterations is None else self.iterations
 
     @property
     def interpolant(self) -> Resample:
@@ -129,10 +138,16 @@ class Proposed:
     points: FloatArray
     outcome: Outcome
 
-    @property
-    def usable(self) -> bool:
-        """True when the step may be kept."""
-        return self.outcome.stop in (Stop.CONVERGED, Stop.DECREASE)
+    def usable(self, rule: Rule) -> bool:
+        """True when the step may be kept.
+
+        With kinks in the resampling the paper's method seldom meets a gradient; it ends where no
+        decrease is left.  For Ipopt that is an end only near a minimum.
+        """
+        outcome = self.outcome
+        if outcome.stop is Stop.DECREASE:
+            return rule.solver == "augmented" or outcome.projected_gradient < _NEARLY
+        return outcome.stop is Stop.CONVERGED
 
 
 def rims(
@@ -205,9 +220,9 @@ def solve(program: Program, rule: Rule, warm: Multipliers | None = None) -> Outc
             program,
             feasibility=rule.feasibility,
             gradient=rule.gradient,
-            iterations=rule.iterations,
+            iterations=rule.most,
         )
-    schedule = Schedule(feasibility=rule.feasibility, gradient=rule.gradient, inner=rule.iterations)
+    schedule = Schedule(feasibility=rule.feasibility, gradient=rule.gradient, inner=rule.most)
     if warm is not None and len(warm.equality) != len(program.equalities(program.start)[0]):
         warm = None
     return augmented(program, schedule, warm)
