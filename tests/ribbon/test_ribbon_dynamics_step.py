@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from casashell.ribbon.chain import reconstruct
 from casashell.ribbon.coordinates import Coordinates
+from casashell.ribbon.dynamics import StepFailed, Stepper
+from casashell.ribbon.parallel import Workers
 from casashell.ribbon.resample import Rims, abscissae, piece_of
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.scene import Body, Scene
 from casashell.ribbon.statics import Setting
 from casashell.ribbon.step import Past, Rule, Task, advance, inertia, rim_points
 from formulations.ribbon import ribbon_physics
@@ -103,3 +106,26 @@ def test_rules_are_checked() -> None:
         Rule(tolerance=-1.0)
     assert Rule(solver="augmented").interpolant == "linear"
     assert Rule().interpolant == "hermite"
+
+
+@dataclass(frozen=True, eq=False)
+class Timid(Stepper):
+    """Fails at any step longer than 0.01 s."""
+
+    def _whole(self, pasts: tuple[Past, ...], t: float, h: float) -> object:
+        if h > 0.011:
+            raise StepFailed("too long")
+        return super()._whole(pasts, t, h)
+
+
+def test_a_step_that_fails_is_made_in_parts() -> None:
+    """Free fall in four quarters h: g h^2 (1 + 2 + 3 + 4) (closed form)."""
+    scene = Scene((Body(replace(RIBBON, energy="sadowsky")),), PHYSICS, (0.0, 0.0, -10.0))
+    stepper = Timid(scene, Rule(), Workers(1), None)
+    begin = stepper.begin(0.04)
+    made = stepper.step(begin, 0.0, 0.04)
+    assert made.parts == 4
+    drop = begin[0].points[..., 2] - made.pasts[0].points[..., 2]
+    np.testing.assert_allclose(drop, 10.0 * 0.01**2 * 10, atol=1e-9)
+    with pytest.raises(StepFailed, match="too long"):
+        stepper.step(begin, 0.0, 4.0)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from casashell.contact.obstacles import Plane
+from casashell.ribbon.chain import reconstruct
+from casashell.ribbon.collide import Collider
 from casashell.ribbon.dynamics import simulate
 from casashell.ribbon.holds import Attachment, HeldEnd
 from casashell.ribbon.loops import circle
@@ -16,6 +18,7 @@ from casashell.ribbon.record import Progress, RunStatus
 from casashell.ribbon.ribbon import Ribbon, RibbonState
 from casashell.ribbon.scene import Body, Guide, Scene
 from casashell.ribbon.statics import Setting
+from casashell.ribbon.strips import ribbon_strip, to_vertices
 from casashell.typing import FloatArray
 from formulations.ribbon import ribbon_physics
 
@@ -218,3 +221,30 @@ def test_a_ribbon_comes_to_rest_on_the_ground() -> None:
     heights = np.stack([sim.tracks[0].bottom, sim.tracks[0].top])[..., 2]
     assert heights.min() > -0.02
     assert np.abs(heights[:, -1] + 0.019).max() < 1e-3  # half a thickness above the floor
+
+
+def test_linked_loops_stay_linked() -> None:
+    """The lower loop falls into the upper one, which hangs: no faces cross, and it is caught."""
+    ribbon = Ribbon(0.3, 0.01, 12, stiffness=1e-3, density=0.1, ends="loop")
+    upper = circle(ribbon)
+    lowest = reconstruct(ribbon, upper).middle
+    radius = 0.5 * np.ptp(lowest[:, 2])
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    centre = 0.5 * (lowest.max(axis=0) + lowest.min(axis=0))
+    below = turned @ (upper.origin - centre) + centre - np.array([0.0, 0.0, 1.2 * radius])
+    lower = RibbonState(upper.slopes, upper.angles, turned @ upper.frame, below)
+    hook = Setting(attachments=(Attachment(0.0, 0.0, lowest[0]), Attachment(0.025, 0.0, lowest[1])))
+    scene = Scene((Body(ribbon, upper, hook), Body(ribbon, lower)), PHYSICS, thickness=0.001)
+    sim = simulate(scene, 8 * H, H)
+    assert sim.status is RunStatus.COMPLETE, sim.message
+    shapes = [
+        ribbon_strip(t.bottom[0], t.top[0], mass=1.0, thickness=1e-3, ends="loop")
+        for t in sim.tracks
+    ]
+    collider = Collider(tuple(shapes))
+    for f in range(len(sim.times)):
+        assert not len(
+            collider.crossings([to_vertices(t.bottom[f], t.top[f], "loop") for t in sim.tracks])
+        )
+    drop = sim.tracks[1].middle[-1].mean(axis=0)[2] - sim.tracks[1].middle[0].mean(axis=0)[2]
+    assert drop > -9.81 * H**2 * 36 + 0.01  # free fall would have gone further: 36 = 8 * 9 / 2
