@@ -22,7 +22,7 @@ from casashell.engine.sparse_solver import SingularMatrix
 from casashell.typing import FloatArray
 
 #: Error of length, relative to the shortest link, that ends a projection.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-8
 BUDGET = 100
 
 

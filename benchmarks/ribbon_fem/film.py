@@ -41,6 +41,7 @@ class Film:
     elements  drift of the triangles themselves, a row (length, area, triangle) for each time (T,3)
     drawn     the same of the surface whose vertices have one place each (T,3)
     seconds   (T - 1,) a step;  iterations (T - 1,) Newton or projections a step
+    moves     (T - 1,) last Newton move of a step in mean edges
     last      the last state, to go on from
     """
 
@@ -51,6 +52,7 @@ class Film:
     drawn: FloatArray
     seconds: FloatArray
     iterations: IntArray
+    moves: FloatArray
     last: State
 
 
@@ -110,5 +112,6 @@ def simulate(
         drawn=np.array([_row(body, vertices[faces]) for vertices in surface]),
         seconds=np.array(seconds),
         iterations=np.array([s.iterations for s in states[1:]], dtype=np.int64),
+        moves=np.array([s.move for s in states[1:]]),
         last=state,
     )

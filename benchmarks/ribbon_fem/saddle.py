@@ -8,8 +8,8 @@ from benchmarks.ribbon_fem.body import Body
 from casashell.engine.sparse_solver import SingularMatrix, SparseSolver, make_solver
 from casashell.typing import BoolArray, FloatArray, IntArray
 
-#: Compliance given to every form, of that of the stiffest node: some forms say the same twice.
-_COMPLIANCE = 1e-10
+#: Compliance given to every form, of that of the nodes: some forms say the same twice.
+_COMPLIANCE = 1e-7
 
 
 class Saddle:
@@ -58,8 +58,9 @@ class Saddle:
         diagonal (n,) [N/m];  entries of H in the assembly's pattern;  tension (P,) of the forms,
         which gives them second derivatives.
         """
-        stiffest = max(float(diagonal.max()), 0.0 if entries is None else float(entries.max()))
-        self._extra = _COMPLIANCE / stiffest
+        heaviest = float(diagonal.max())
+        stiffest = heaviest if entries is None else max(heaviest, float(entries.max()))
+        self._extra = _COMPLIANCE / np.sqrt(heaviest * stiffest)
         slopes = self.forms.slopes(x).ravel()
         parts = [np.repeat(diagonal, 3), -(self.forms.compliance + self._extra), slopes, slopes]
         if self.elastic:
