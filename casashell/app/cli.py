@@ -16,6 +16,8 @@ from casashell.app.failures import command
 from casashell.app.feasibility_command import HELP as _FEASIBILITY_HELP
 from casashell.app.feasibility_command import feasibility
 from casashell.app.materials_command import materials
+from casashell.app.ribbon_command import HELP as _RIBBON_HELP
+from casashell.app.ribbon_command import ribbon
 from casashell.app.simulate_command import HELP as _SIMULATE_HELP
 from casashell.app.simulate_command import simulate
 
@@ -151,6 +153,7 @@ def check(
 app.command(help=_FEASIBILITY_HELP)(feasibility)
 app.command(help=_EXPORT_HELP)(export)
 app.command(help=_SIMULATE_HELP)(simulate)
+app.command(help=_RIBBON_HELP)(ribbon)
 
 
 app.command()(materials)

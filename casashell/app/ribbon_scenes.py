@@ -1,0 +1,157 @@
+"""Built-in scenes of ribbons (Pan 2016, Table I and Figs. 7-12).
+
+The paper gives numbers of ribbons, the 150 segments of the falling one and the steps of the helix;
+all other sizes are ours.  SI; up is +z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from casashell.app.ribbon_chains import double_chain, hanging_band, moebius_chain
+from casashell.app.ribbon_setup import Actions, Course, Hold, Load, RibbonSetup, Twist
+from casashell.app.ribbon_shapes import frame_of, placed, waved, wound
+from casashell.contact.obstacles import Plane
+from casashell.io.toml_tables import did_you_mean
+from casashell.ribbon.physics import RibbonPhysics
+from casashell.ribbon.ribbon import Ribbon, flat
+from casashell.ribbon.scene import Body, Guide, Scene
+
+#: Copy paper: plate stiffness [J] and density [kg/m2].
+PAPER: Final = (2.7e-4, 0.08)
+#: Soft satin: the same of a ribbon that coils where it falls.
+SATIN: Final = (2e-5, 0.1)
+
+_NONE: Final = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Builtin:
+    """A scene by name.
+
+    about  one sentence;  size  ribbons and segments
+    work   seconds of work that a second of motion takes on two cores, about
+    """
+
+    about: str
+    size: str
+    seconds: float
+    step: float
+    work: float
+    build: Callable[[RibbonPhysics], Scene]
+
+
+def cantilever(physics: RibbonPhysics) -> Scene:
+    """A paper strip, clamped level and let go; it comes to rest as the heavy elastica.
+
+    rho g L^3 / D = 23.25: its tip ends at (0.4046, -0.8481) L.
+    """
+    strip = Ribbon(0.2, 0.03, 40, *PAPER, clamp_crease=True)
+    return Scene((Body(strip, name="strip"),), physics)
+
+
+def helix(physics: RibbonPhysics) -> Scene:
+    """A strip wound on a rod of 2 cm, its rulings at cotangent 0.5, hangs from its clamp and unrolls."""
+    strip = Ribbon(0.5, 0.03, 40, *PAPER)
+    # The rod is along (slope, 1, 0) in the axes of the strip: let that point down.
+    slope = 0.5
+    down, side = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
+    frame = frame_of(slope * down + side, down - slope * side)
+    state = placed(strip, wound(strip, 0.02, slope), frame)
+    return Scene((Body(strip, state, name="strip"),), physics)
+
+
+def torsion(physics: RibbonPhysics) -> Scene:
+    """A strip 10 x 1, clamped, pulled at its end and twisted there by a turn and a half."""
+    strip = Ribbon(10.0, 1.0, 20, 1.0, 1.0)
+    pull = Load(strip.length, 0.0, Course.constant((5.0, 0.0, 0.0)))
+    turns = Course([0.0, 6.0], [0.0, 1.5])
+    twist = Twist(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), turns)
+    body = Body(
+        strip,
+        # Not quite flat: a flat strip has no rulings, and would not know which way to give.
+        waved(strip, 0.01, 2.5, 0.1),
+        Actions(loads=(pull,)),
+        guides=(Guide((18, 19), twist, 100.0),),
+        name="strip",
+    )
+    return Scene((body,), physics, gravity=_NONE)
+
+
+def dragging(physics: RibbonPhysics) -> Scene:
+    """A strip 10 x 1, clamped; a corner of its free end is dragged up, back over the clamp and aside."""
+    strip = Ribbon(10.0, 1.0, 20, 1.0, 0.01)
+    places = [
+        [10.0, 0.5, 0.0],
+        [6.0, 2.0, 5.0],
+        [-1.0, 4.0, 5.0],
+        [-2.0, -4.0, 3.0],
+        [4.0, -5.0, 1.0],
+    ]
+    hand = Hold(strip.length, 0.5, Course([0.0, 1.0, 2.0, 3.0, 4.0], places))
+    body = Body(strip, flat(strip), Actions(holds=(hand,)), name="strip")
+    return Scene((body,), physics)
+
+
+def falling(physics: RibbonPhysics) -> Scene:
+    """A satin ribbon of 1.2 m falls on its end and coils: itself and the ground in the way."""
+    strip = Ribbon(1.2, 0.02, 150, *SATIN, ends="free")
+    frame = frame_of((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+    state = placed(strip, waved(strip, 0.03, 3.0, 0.1), frame, origin=(0.0, 0.0, 0.01))
+    ground = Plane((0.0, 0.0, 1.0), 0.0, name="ground")
+    return Scene((Body(strip, state, name="ribbon"),), physics, thickness=1e-3, obstacles=(ground,))
+
+
+SCENES: Final[Mapping[str, Builtin]] = {
+    "moebius": Builtin(
+        "a Moebius band of paper falls on a table",
+        *("1 ribbon, 40 segments", 0.6, 0.01, 30.0, hanging_band),
+    ),
+    "cantilever": Builtin(
+        "a strip of paper, clamped level and let go, until it hangs as the heavy elastica",
+        *("1 ribbon, 40 segments", 1.0, 0.01, 8.0, cantilever),
+    ),
+    "helix": Builtin(
+        "a wound strip of paper hangs from its clamp and unrolls (Fig. 8)",
+        *("1 ribbon, 40 segments", 0.5, 0.01, 20.0, helix),
+    ),
+    "torsion": Builtin(
+        "extreme torsion: a pulled strip is twisted by a turn and a half (Fig. 9)",
+        *("1 ribbon, 20 segments", 8.0, 0.05, 5.0, torsion),
+    ),
+    "dragging": Builtin(
+        "extreme dragging: a hand leads a corner of a clamped strip around (Fig. 7)",
+        *("1 ribbon, 20 segments", 4.0, 0.02, 5.0, dragging),
+    ),
+    "falling": Builtin(
+        "a soft ribbon falls on its end and coils, with self-collision (Fig. 12)",
+        *("1 ribbon, 150 segments", 0.5, 0.005, 200.0, falling),
+    ),
+    "double-chain": Builtin(
+        "two chains of 9 loops swing into each other (Table I)",
+        *("18 ribbons, 360 segments", 0.4, 0.01, 200.0, double_chain),
+    ),
+    "moebius-chain": Builtin(
+        "a chain of 9 Moebius bands is let go (Table I)",
+        *("9 ribbons, 180 segments", 0.4, 0.01, 200.0, moebius_chain),
+    ),
+}
+
+
+def builtin_setup(name: str) -> RibbonSetup:
+    """The scene of a name; ValueError that names the nearest one."""
+    if name not in SCENES:
+        raise ValueError(
+            f"no scene '{name}', and no file of that name; {did_you_mean(name, tuple(SCENES))} "
+            "(--list shows all)"
+        )
+    from formulations import ribbon_physics
+
+    kept = SCENES[name]
+    return RibbonSetup(
+        name, kept.build(ribbon_physics()), kept.seconds, kept.step, about=kept.about, source=name
+    )
