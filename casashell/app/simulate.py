@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from casashell.app import simulate_output as output
-from casashell.app.failures import FAILURE, CommandError, reading_input, reason, writing_files
+from casashell.app.failures import (
+    FAILURE,
+    INTERRUPTED,
+    CommandError,
+    reading_input,
+    reason,
+    writing_files,
+)
 from casashell.app.motion_files import motion_files
 from casashell.app.simulate_display import Clock, SimulationReporter
 from casashell.app.simulate_options import SimulateOptions
@@ -32,6 +39,7 @@ class SimulateOutput:
     force: bool = False
     resume: bool = False
     formats: str = "html"
+    pictures: bool = True
     quiet: bool = False
     as_json: bool = False
 
@@ -46,18 +54,22 @@ def run_simulate(options: SimulateOptions, wanted: SimulateOutput) -> int:
     _check_out(options, out, wanted)
     with reading_input():
         plan = read_plan(options)
-    remark = output.picture_remark()
+    remark = output.picture_remark() if wanted.pictures else None
     reporter.plan(plan.scene, summary(plan), [*remarks(plan), *([remark] if remark else [])])
     clock = Clock()
     simulation = _simulated(plan, out, wanted, reporter, clock)
+    if not len(simulation.times):
+        raise CommandError("interrupted before the first frame", INTERRUPTED)
     record = output.record_of(simulation, settings(plan)) | {"step_seconds": clock.step_seconds}
     with writing_files():
-        names = _store(plan, simulation, record, out, formats, reporter)
+        names = _store(plan, simulation, record, out, reporter)
+        shown = output.wanted_files(formats, picture=wanted.pictures and remark is None)
+        lost = _show(plan, simulation, out, shown, reporter, names)
     reporter.entry("Files", f"{out}/")
     reporter.line(" " * 12 + "  ".join(names))
     if wanted.as_json:
         print(json.dumps(record, indent=1, allow_nan=False))
-    return simulation.status.exit_code
+    return simulation.status.exit_code or (FAILURE if lost else 0)
 
 
 def _beside(folder: Path) -> Path:
@@ -148,37 +160,47 @@ def _store(
     simulation: Simulation,
     record: Mapping[str, Any],
     out: Path,
-    formats: tuple[str, ...],
     reporter: SimulationReporter,
 ) -> list[str]:
-    """Frames and record first, then how it went, then what takes long: nothing is lost by it."""
+    """Frames and record, then how it went: nothing is lost by what comes after."""
     output.write_frames(simulation, out)
     output.write_record(record, out)
     reporter.outcome(record)
-    names = [output.FRAMES, output.RECORD]
+    return [output.FRAMES, output.RECORD]
+
+
+def _show(
+    plan: Plan,
+    simulation: Simulation,
+    out: Path,
+    shown: tuple[str, ...],
+    reporter: SimulationReporter,
+    names: list[str],
+) -> bool:
+    """Player, films and meshes, added to ``names``; whether one that was asked for is missing.
+
+    An interrupted run gets its player only: nobody waits for the rest.
+    """
     scene = plan.scene
     shape = plan.result.rest if plan.natural else scene.target.vertices
     title = f"{scene.name}, {'natural shape' if plan.natural else 'design as natural shape'}"
     animation = output.animation_of(
         simulation, shape, scene.obstacles, plan.motions, name=title, up=scene.up_vector
     )
-    interrupted = simulation.status is SimulationStatus.INTERRUPTED  # nobody waits for the rest
-    for name in ("html", *(() if interrupted else formats)):
-        with reporter.writing(name) as progress:
-            names.append(output.write_format(name, animation, out, scene.unit, progress))
-    if interrupted and formats:
-        reporter.line(f"note: {', '.join(formats)} not written: interrupted")
+    interrupted = simulation.status is SimulationStatus.INTERRUPTED
+    lost = False
+    for name in shown[:1] if interrupted else shown:
+        try:
+            with reporter.writing(name) as progress:
+                names.append(output.write_format(name, animation, out, scene.unit, progress))
+        except OSError:
+            raise
+        # graphics fail in as many ways as there are drivers; the frames are worth more than a film
+        except Exception as problem:
+            reporter.line(f"no {name}: {problem}", important=True)
+            lost |= name != output.PICTURE
+    if interrupted and shown[1:]:
+        reporter.line(f"note: without {', '.join(shown[1:])}, as it was interrupted")
     if not interrupted:
-        if output.picture_remark() is None:
-            names += _picture(animation, out, reporter)
         shutil.rmtree(out / CHECKPOINT, ignore_errors=True)
-    return names
-
-
-def _picture(animation: Any, out: Path, reporter: SimulationReporter) -> list[str]:
-    try:
-        return [output.write_picture(animation, out)]
-    # graphics fail in as many ways as there are drivers; the frames are worth more than a picture
-    except Exception as problem:
-        reporter.line(f"no picture: {problem}")
-        return []
+    return lost

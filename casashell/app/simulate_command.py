@@ -40,6 +40,7 @@ def simulate(
     force: opt.Force = False,
     resume: sim.Resume = False,
     formats: sim.Formats = "html",
+    no_pictures: sim.NoPictures = False,
     quiet: opt.Quiet = False,
     as_json: opt.Json = False,
     debug: opt.Debug = False,
@@ -56,6 +57,6 @@ def simulate(
         )
         from casashell.app.simulate import SimulateOutput, run_simulate
 
-        wanted = SimulateOutput(out, force, resume, formats, quiet, as_json)
+        wanted = SimulateOutput(out, force, resume, formats, not no_pictures, quiet, as_json)
         code = run_simulate(options, wanted)
     raise typer.Exit(code)

@@ -15,9 +15,9 @@ from casashell.io.animation_files import Progress
 from casashell.io.labels import engineering
 
 _WORDS: Final = {
-    "COMPLETE": "Complete",
-    "INTERRUPTED": "Interrupted: frames so far are written, --resume goes on",
-    "FAILED": "Failed: frames so far are written",
+    "COMPLETE": "every step was solved",
+    "INTERRUPTED": "frames so far are written; the same command with --resume goes on",
+    "FAILED": "frames so far are written",
 }
 #: Drift below which a shell is said to hold.
 _HELD: Final = 1e-6

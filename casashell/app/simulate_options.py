@@ -154,6 +154,12 @@ Formats: TypeAlias = Annotated[
         "(html) is always written.",
     ),
 ]
+NoPictures: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--no-pictures", rich_help_panel=_OUTPUT, help="No picture of the end beside the start."
+    ),
+]
 Resume: TypeAlias = Annotated[
     bool,
     typer.Option(

@@ -54,7 +54,13 @@ def wanted_formats(text: str) -> tuple[str, ...]:
             raise CommandError(
                 f"--formats {name} needs {', '.join(missing)}, not installed: {hint}"
             )
-    return tuple(name for name in names if name != "html")
+    return tuple(names)
+
+
+def wanted_files(formats: tuple[str, ...], *, picture: bool) -> tuple[str, ...]:
+    """What to write in order: the player, what is asked for, the picture."""
+    asked = (name for name in formats if name != "html")
+    return ("html", *asked, *((PICTURE,) if picture else ()))
 
 
 def picture_remark() -> str | None:
@@ -191,7 +197,7 @@ def write_record(record: Mapping[str, Any], folder: Path) -> None:
 def write_format(
     name: str, animation: Animation, folder: Path, unit: float, progress: Progress | None
 ) -> str:
-    """One format of ``--formats`` or html; the name of the file or folder.
+    """One format of ``--formats`` or the picture; the name of the file or folder.
 
     Mesh series are in units of ``unit`` metres, as the input; USD is in metres and says so.
     """
@@ -200,6 +206,8 @@ def write_format(
     from casashell.io.player import write_player
     from casashell.io.usd_file import write_usd
 
+    if name == PICTURE:
+        return write_picture(animation, folder)
     target = folder / _FORMATS[name][0]
     if name == "html":
         write_player(animation, target, overwrite=True)

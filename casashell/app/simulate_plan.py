@@ -22,6 +22,10 @@ from formulations.wind import FaceWind
 
 #: Forces of the scene that differ from those of the result by this share of their scale are others.
 _SAME_FORCES: Final = 1e-6
+_FROM_PYTHON: Final = (
+    "which files do not keep: simulate it from Python, "
+    "casashell.simulate(result, seconds, problem=problem)"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,10 @@ def read_plan(options: SimulateOptions) -> Plan:
         )
     if not (folder / "scene.toml").is_file():
         raise ValueError(f"{folder} holds no scene: scene.toml is missing")
-    scene = replace(read_scene(folder / "scene.toml").load(), target=result.target)
+    spec = read_scene(folder / "scene.toml")
+    if any(source.table.get("kind") == "custom" for source in spec.obstacles):
+        raise ValueError(f"{folder} has an obstacle of a class of its own, {_FROM_PYTHON}")
+    scene = replace(spec.load(), target=result.target)
     _check_physics(result, scene, folder)
     rate = options.sequence_fps or options.fps
     paths = (options.sequences, options.keyframes)
@@ -68,10 +75,7 @@ def _check_physics(result: Result, scene: Scene, folder: Path) -> None:
 
     A result of energies of the user's own is saved without them; its forces at the pose give it away.
     """
-    own = (
-        f"{folder} was solved with energies of its own, which files do not keep: simulate it from "
-        "Python, casashell.simulate(result, seconds, problem=problem)"
-    )
+    own = f"{folder} was solved with energies of its own, {_FROM_PYTHON}"
     if any(key not in result.material for key in ("density", "stretch", "bend")):
         raise ValueError(own)
     shapes = (result.pose, result.rest, result.forces)
