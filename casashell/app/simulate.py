@@ -183,9 +183,15 @@ def _show(
     """
     scene = plan.scene
     shape = plan.result.rest if plan.natural else scene.target.vertices
-    title = f"{scene.name}, {'natural shape' if plan.natural else 'design as natural shape'}"
+    kind = "natural shape" if plan.natural else "design as natural shape"
     animation = output.animation_of(
-        simulation, shape, scene.obstacles, plan.motions, name=title, up=scene.up_vector
+        simulation,
+        shape,
+        scene.obstacles,
+        plan.motions,
+        name=scene.name,
+        title=f"{plan.options.folder.resolve().name}, {kind}",
+        up=scene.up_vector,
     )
     interrupted = simulation.status is SimulationStatus.INTERRUPTED
     lost = False

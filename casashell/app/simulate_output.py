@@ -138,6 +138,7 @@ def animation_of(
     motions: Mapping[int, Motion],
     *,
     name: str,
+    title: str,
     up: tuple[float, float, float],
 ) -> Animation:
     """The shell with its natural shape ``rest`` (V,3) m, and the obstacles as they moved."""
@@ -157,7 +158,7 @@ def animation_of(
         simulation.times,
         tuple(tracks),
         up,
-        name if state is SimulationStatus.COMPLETE else f"{name} ({state}, not complete)",
+        title if state is SimulationStatus.COMPLETE else f"{title} ({state}, not complete)",
         tuple(f"{n} of {count} vertices touch an obstacle" for n in touching) if obstacles else (),
         {
             "farthest from the start (sizes)": simulation.drift,
