@@ -43,7 +43,10 @@ def strip_of(body: Body, thickness: float) -> Strip:
 
 
 def isometry_error(track: Track) -> FloatArray:
-    """(F,) largest error of a length, over that length: rims, rulings and both diagonals of quads."""
+    """(F,) largest error of a length over that length: rims, rulings and both diagonals of quads.
+
+    Of edges shorter than a segment, over the length of a segment.
+    """
     ribbon = track.ribbon
     ends = np.zeros((len(track.slopes), 1))
     c = np.concatenate([ends, track.slopes, ends], axis=1)
@@ -58,7 +61,9 @@ def isometry_error(track: Track) -> FloatArray:
         one, two = slice(i, i + n), slice(j, j + n)
         wanted = np.linalg.norm(flat[a][:, one] - flat[b][:, two], axis=2)
         found = np.linalg.norm(world[a][:, one] - world[b][:, two], axis=2)
-        worst = np.maximum(worst, np.abs(found / wanted - 1.0).max(axis=1))
+        worst = np.maximum(
+            worst, (np.abs(found - wanted) / np.maximum(wanted, ribbon.segment)).max(axis=1)
+        )
     return worst
 
 

@@ -200,7 +200,7 @@ def _written(
     """Player and formats; nobody waits for the latter after an interrupt."""
     animation, names = output.animation_of(setup, simulation), []
     interrupted = simulation.status is RunStatus.INTERRUPTED
-    for name in ("html", *(() if interrupted else formats)):
+    for name in dict.fromkeys(("html", *(() if interrupted else formats))):
         with reporter.writing(name) as progress:
             names.append(write_format(name, animation, out, 1.0, progress))
     if interrupted and formats:

@@ -17,8 +17,9 @@ from casashell.app.ribbon_setup import Actions, Course, Hold, Load, RibbonSetup,
 from casashell.app.ribbon_shapes import frame_of, placed, waved, wound
 from casashell.contact.obstacles import Plane
 from casashell.io.toml_tables import did_you_mean
+from casashell.ribbon.chain import reconstruct
 from casashell.ribbon.physics import RibbonPhysics
-from casashell.ribbon.ribbon import Ribbon, flat
+from casashell.ribbon.ribbon import Ribbon
 from casashell.ribbon.scene import Body, Guide, Scene
 
 #: Copy paper: plate stiffness [J] and density [kg/m2].
@@ -62,13 +63,13 @@ def helix(physics: RibbonPhysics) -> Scene:
     down, side = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
     frame = frame_of(slope * down + side, down - slope * side)
     state = placed(strip, wound(strip, 0.02, slope), frame)
-    return Scene((Body(strip, state, name="strip"),), physics)
+    return Scene((Body(strip, state, name="strip"),), physics, thickness=5e-4)
 
 
 def torsion(physics: RibbonPhysics) -> Scene:
     """A strip 10 x 1, clamped, pulled at its end and twisted there by a turn and a half."""
     strip = Ribbon(10.0, 1.0, 20, 1.0, 1.0)
-    pull = Load(strip.length, 0.0, Course.constant((5.0, 0.0, 0.0)))
+    pull = Load(strip.length, 0.0, Course.constant((20.0, 0.0, 0.0)))
     turns = Course([0.0, 6.0], [0.0, 1.5])
     twist = Twist(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), turns)
     body = Body(
@@ -79,21 +80,18 @@ def torsion(physics: RibbonPhysics) -> Scene:
         guides=(Guide((18, 19), twist, 100.0),),
         name="strip",
     )
-    return Scene((body,), physics, gravity=_NONE)
+    return Scene((body,), physics, gravity=_NONE, thickness=0.02)
 
 
 def dragging(physics: RibbonPhysics) -> Scene:
     """A strip 10 x 1, clamped; a corner of its free end is dragged up, back over the clamp and aside."""
     strip = Ribbon(10.0, 1.0, 20, 1.0, 0.01)
-    places = [
-        [10.0, 0.5, 0.0],
-        [6.0, 2.0, 5.0],
-        [-1.0, 4.0, 5.0],
-        [-2.0, -4.0, 3.0],
-        [4.0, -5.0, 1.0],
-    ]
+    # Bent a little: the end of a flat, taut strip can follow no hand at first.
+    state = wound(strip, -12.0)
+    shape = reconstruct(strip, state)
+    places = [shape.top[-1], [5.0, 2.0, 5.0], [-1.0, 4.0, 5.0], [-3.0, -4.0, 3.0], [4.0, -5.0, 1.0]]
     hand = Hold(strip.length, 0.5, Course([0.0, 1.0, 2.0, 3.0, 4.0], places))
-    body = Body(strip, flat(strip), Actions(holds=(hand,)), name="strip")
+    body = Body(strip, state, Actions(holds=(hand,)), name="strip")
     return Scene((body,), physics)
 
 
