@@ -101,26 +101,23 @@ def _read_sequence(
 
     paths = sequence_files(files)
     faces, count = np.asarray(obstacle.mesh.faces), len(obstacle.mesh.vertices)
-    frames, first = np.empty((len(paths), count, 3)), None
+    frames = np.empty((len(paths), count, 3))
+    polygons = obstacle.mesh.polygons if isinstance(obstacle.mesh, TriMesh) else ()
     for frame, path in enumerate(paths):
         mesh = read_mesh(path, unit=unit)
-        first = first or mesh
         if len(mesh.vertices) != count:
             raise ValueError(
                 f"{path} has {len(mesh.vertices)} vertices, {label} has {count}: every mesh of a "
                 "sequence needs the vertices and faces of the obstacle, in its order"
             )
         # diagonals of quads follow the shape: polygons tell whether the faces are the same
-        same = mesh.polygons == first.polygons if frame and mesh.polygons else _same(mesh, faces)
+        same = mesh.polygons == polygons if polygons else np.array_equal(mesh.faces, faces)
+        polygons = polygons or mesh.polygons
         if not same:
             raise ValueError(f"{path} has other faces than {label}: the topology must not change")
         _check_areas(mesh.vertices, faces, path)
         frames[frame] = mesh.vertices
     return MeshSequence.at_rate(frames, fps, faces)
-
-
-def _same(mesh: TriMesh, faces: IntArray) -> bool:
-    return np.array_equal(mesh.faces, faces)
 
 
 def _check_areas(vertices: FloatArray, faces: IntArray, path: Path) -> None:

@@ -52,7 +52,7 @@ def run_simulate(options: SimulateOptions, wanted: SimulateOutput) -> int:
         raise CommandError(f"{options.folder}: no such folder")
     out = wanted.out or _beside(options.folder)
     _check_out(options, out, wanted)
-    with reading_input():
+    with reporter.busy("reading"), reading_input():  # long sequences take their time
         plan = read_plan(options)
     remark = output.picture_remark() if wanted.pictures else None
     reporter.plan(plan.scene, summary(plan), [*remarks(plan), *([remark] if remark else [])])

@@ -57,7 +57,7 @@ class SimulationReporter(Reporter):
     @contextmanager
     def following(self, clock: Clock) -> Iterator[Callable[[Frame], None] | None]:
         """A callback that keeps the live line; None when there is nobody to see it."""
-        with self._line("building kernels") as update:
+        with self.busy("building kernels") as update:
             if update is None:
                 yield None
             else:
@@ -66,14 +66,15 @@ class SimulationReporter(Reporter):
     @contextmanager
     def writing(self, name: str) -> Iterator[Progress | None]:
         """A progress callback for a file that takes its time."""
-        with self._line(f"writing {name}") as update:
+        with self.busy(f"writing {name}") as update:
             if update is None:
                 yield None
             else:
                 yield lambda done, count: update(f"writing {name}: {done} of {count}")
 
     @contextmanager
-    def _line(self, text: str) -> Iterator[Callable[[str], None] | None]:
+    def busy(self, text: str) -> Iterator[Callable[[str], None] | None]:
+        """A live line, and how to change it; None when there is nobody to see it."""
         if self.quiet or not sys.stderr.isatty():
             yield None
             return

@@ -11,8 +11,12 @@ from running import SILENT, run
 from simulating import UNIT, solved_page, steady, table, write_sequence
 
 from casashell.app.keyframe_files import read_keyframes
-from casashell.app.motion_files import sequence_files
+from casashell.app.motion_files import read_motions, sequence_files
+from casashell.contact.mesh_obstacle import MeshObstacle
+from casashell.dynamics.motion import MeshSequence
 from casashell.dynamics.simulation import Simulation
+from casashell.io.meshes import read_mesh, write_mesh
+from casashell.mesh import TriMesh
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +86,24 @@ def test_folders_that_are_no_sequence(tmp_path: Path, names: tuple[str, ...], wo
         (tmp_path / name).touch()
     with pytest.raises(ValueError, match=words):
         sequence_files(str(tmp_path))
+
+
+def test_quads_are_compared_as_quads(tmp_path: Path) -> None:
+    """A sheared box is cut along other diagonals when it is read, and is the same box."""
+    corners = table()
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    box = TriMesh(corners.vertices, corners.faces, tuple(quads))
+    shear = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 1.0]])
+    poses = [box.vertices, box.vertices @ shear]
+    for number, points in enumerate(poses):
+        write_mesh(tmp_path / f"box_{number}.obj", box, points, unit=UNIT)
+    assert not np.array_equal(read_mesh(tmp_path / "box_1.obj").faces, box.faces)
+    obstacle = MeshObstacle(box, 0.5, "box")
+    motions = read_motions((f"box={tmp_path}",), (), (obstacle,), unit=UNIT, fps=10.0)
+    motion = motions[0]
+    assert isinstance(motion, MeshSequence)
+    assert motion.times.tolist() == [0.0, 0.1]
+    np.testing.assert_allclose(motion.vertices, poses, atol=1e-15)
 
 
 def test_keyframes_in_toml_turn_about_a_center(tmp_path: Path) -> None:
