@@ -15,13 +15,11 @@ from typing import Final
 
 import numpy as np
 
-from casashell.inverse.certificate import NEUTRAL, total_energy
 from casashell.inverse.direct import DirectSolver
 from casashell.inverse.feasibility_proof import rigid_proof
 from casashell.inverse.load_path import Report, rounding_of
 from casashell.inverse.outcome import Outcome, PieceSolver
 from casashell.inverse.piece import Piece
-from casashell.inverse.rigid import rigid_curvatures
 from casashell.inverse.warm_start import Guess
 from casashell.result import Step
 
@@ -37,6 +35,8 @@ PATIENCE: Final = 15.0
 FULL_PATIENCE: Final = 100
 #: Rounding of the elastic forces / f0 beyond which no method sees the weight.
 HIDDEN: Final = 1e-2
+#: Share of a rigid motion below which it is none.
+FREE: Final = 1e-8
 #: Distance / size up to which another pose is an answer to what was asked.
 NEARBY: Final = 0.05
 
@@ -178,13 +178,21 @@ class AutoSolver:
 
 
 def _turns_freely(piece: Piece) -> bool:
-    """Whether the whole part can move without any work of the loads: neutral in every shape."""
-    energies, held = piece.assembly.energies, np.zeros(len(piece.target), dtype=bool)
-    held[piece.held] = True
-    curvature = rigid_curvatures(
-        energies, lambda x: total_energy(energies, x, piece.target), piece.target, held
+    """Whether a rigid motion leaves what is held in place and no load does work along it.
+
+    A turn about a vertical axis, say: neutral in every natural shape and pose with these contacts.
+    """
+    modes = piece.rigid_modes
+    d = modes.shape[1]
+    if d == 0:
+        return False
+    by_vertex = modes.reshape(len(piece.target), 3, d)
+    loads = piece.loads / (float(np.abs(piece.loads).max(initial=0.0)) or 1.0)
+    rows = np.concatenate(
+        [by_vertex[piece.held].reshape(-1, d), np.einsum("ni,nid->nd", loads, by_vertex)]
     )
-    return bool((np.abs(curvature) * piece.h / piece.f0 <= NEUTRAL).any())
+    size = np.linalg.svd(rows, compute_uv=False)
+    return bool(len(size) < d or size[-1] <= FREE * float(np.linalg.norm(modes, axis=0).max()))
 
 
 def _skipped(piece: Piece) -> list[str]:
