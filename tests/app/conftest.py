@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from running import SILENT, run
+from simulating import solved_page
 
 from casashell.app.builtin import page
 from casashell.io.meshes import write_mesh
@@ -50,3 +51,9 @@ def solved(page_file: Path, options: list[str]) -> Path:
     outcome = run("invert", page_file, *options, "--out", "out", SILENT)
     assert outcome.exit_code == 0, outcome.output
     return page_file.parent / "out"
+
+
+@pytest.fixture(scope="session")
+def page_on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a solved page on a mesh, for all tests that do not change it."""
+    return solved_page(tmp_path_factory.mktemp("solved") / "page")

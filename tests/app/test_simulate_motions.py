@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from running import SILENT, run
-from simulating import UNIT, solved_page, steady, table, write_sequence
+from simulating import UNIT, steady, table, write_sequence
 
 from casashell.app.keyframe_files import read_keyframes
 from casashell.app.motion_files import read_motions, sequence_files
@@ -17,11 +17,6 @@ from casashell.dynamics.motion import MeshSequence
 from casashell.dynamics.simulation import Simulation
 from casashell.io.meshes import read_mesh, write_mesh
 from casashell.mesh import TriMesh
-
-
-@pytest.fixture(scope="module")
-def page_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return solved_page(tmp_path_factory.mktemp("solved") / "page")
 
 
 def moved(out: Path, *arguments: str | Path) -> np.ndarray:
@@ -33,13 +28,13 @@ def moved(out: Path, *arguments: str | Path) -> np.ndarray:
 
 
 def test_keyframes_and_a_sequence_of_the_same_motion_agree(
-    page_folder: Path, tmp_path: Path
+    page_on_mesh: Path, tmp_path: Path
 ) -> None:
     """A table that starts at 0.06 m/s under the page: what stands on it goes along, 6 mm."""
     write_sequence(tmp_path / "tables", steady(7, 0.001))
     keys = tmp_path / "keys.csv"
     keys.write_text("# centimetres\ntime,x,y,z\n0,0,0,0\n0.1,0.6,0,0\n")
-    common = (page_folder, "--seconds", "0.1")
+    common = (page_on_mesh, "--seconds", "0.1")
     sequence = moved(tmp_path / "a", *common, "--obstacle-sequence", f"table={tmp_path / 'tables'}")
     rigid = moved(tmp_path / "b", *common, "--keyframes", f"0={keys}")
     feet = Simulation.load(tmp_path / "a").contact[0]
@@ -51,11 +46,11 @@ def test_keyframes_and_a_sequence_of_the_same_motion_agree(
     assert "ball" in text
 
 
-def test_bodies_are_shown_as_they_moved(page_folder: Path, tmp_path: Path) -> None:
+def test_bodies_are_shown_as_they_moved(page_on_mesh: Path, tmp_path: Path) -> None:
     """The series of the table is the sequence that it was given, in the unit of the files."""
     write_sequence(tmp_path / "in", steady(4, 0.001))
     pattern = f"table={tmp_path / 'in' / 'table_%03d.obj'}"
-    line = (page_folder, "--seconds", "0.1", "--fps", "20", "--sequence-fps", "30")
+    line = (page_on_mesh, "--seconds", "0.1", "--fps", "20", "--sequence-fps", "30")
     moved(tmp_path / "out", *line, "--obstacle-sequence", pattern, "--formats", "obj")
     import meshio
 

@@ -10,20 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from running import run
-from simulating import UNIT, solved_page, steady, table, write_sequence
+from simulating import UNIT, steady, table, write_sequence
 
 from casashell.io.meshes import write_mesh
 
 
-@pytest.fixture(scope="module")
-def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return solved_page(tmp_path_factory.mktemp("solved") / "page")
-
-
 @pytest.fixture
-def page_folder(solved: Path, tmp_path: Path) -> Path:
+def page_folder(page_on_mesh: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
-    return Path(shutil.copytree(solved, tmp_path / "page"))
+    return Path(shutil.copytree(page_on_mesh, tmp_path / "page"))
 
 
 def refusal(folder: Path, *arguments: str | Path) -> str:
@@ -64,8 +59,8 @@ def refusal(folder: Path, *arguments: str | Path) -> str:
         ("--obstacle-sequence table=nowhere", "no numbered meshes"),
     ],
 )
-def test_options_that_make_no_sense(solved: Path, arguments: str, words: str) -> None:
-    assert words in refusal(solved, *arguments.split())
+def test_options_that_make_no_sense(page_on_mesh: Path, arguments: str, words: str) -> None:
+    assert words in refusal(page_on_mesh, *arguments.split())
 
 
 def test_folders_that_are_no_result(page_folder: Path, tmp_path: Path) -> None:
@@ -179,12 +174,12 @@ def test_a_shell_that_starts_deep_inside_a_body(page_folder: Path, tmp_path: Pat
 
 
 def test_a_missing_package_is_named_before_the_run(
-    solved: Path, monkeypatch: pytest.MonkeyPatch
+    page_on_mesh: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pxr", None)
-    assert "pip install usd-core" in refusal(solved, "--formats", "usd")
+    assert "pip install usd-core" in refusal(page_on_mesh, "--formats", "usd")
     monkeypatch.setitem(sys.modules, "av", None)
-    assert "--formats mp4 needs av" in refusal(solved, "--formats", "obj,mp4")
+    assert "--formats mp4 needs av" in refusal(page_on_mesh, "--formats", "obj,mp4")
 
 
 def test_results_do_not_go_where_they_are_read_from(page_folder: Path, tmp_path: Path) -> None:
