@@ -182,7 +182,8 @@ def _show(
     An interrupted run gets its player only: nobody waits for the rest.
     """
     scene = plan.scene
-    shape = plan.result.rest if plan.natural else scene.target.vertices
+    meshed = plan.result.rest if plan.result.natural == "mesh" else None  # a metric has no shape
+    shape = meshed if plan.natural else scene.target.vertices
     kind = "natural shape" if plan.natural else "design as natural shape"
     animation = output.animation_of(
         simulation,

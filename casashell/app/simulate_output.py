@@ -133,7 +133,7 @@ def contact_speed(simulation: Simulation) -> float | None:
 
 def animation_of(
     simulation: Simulation,
-    rest: FloatArray,
+    rest: FloatArray | None,
     obstacles: Sequence[Obstacle],
     motions: Mapping[int, Motion],
     *,
@@ -141,7 +141,7 @@ def animation_of(
     title: str,
     up: tuple[float, float, float],
 ) -> Animation:
-    """The shell with its natural shape ``rest`` (V,3) m, and the obstacles as they moved."""
+    """The shell with its natural shape ``rest`` (V,3) m, if a mesh has it, and the moving obstacles."""
     points = simulation.positions
     shell = Track(name, points, simulation.faces, rest=rest, contact=simulation.contact)
     region = Region.around(points.min(axis=(0, 1)), points.max(axis=(0, 1)), scale=1.25)

@@ -52,12 +52,6 @@ def read_plan(options: SimulateOptions) -> Plan:
     options.check()
     folder = options.folder
     result = load_result(folder)
-    if options.rest == "natural" and result.natural == "metric":
-        raise ValueError(
-            f"{folder}: its natural shape is a metric (lengths and angles) that no mesh has, which "
-            "the files of a simulation cannot carry; --rest target works, and from Python "
-            "casashell.simulate(result, seconds, problem=problem) takes it"
-        )
     if not (folder / "scene.toml").is_file():
         raise ValueError(f"{folder} holds no scene: scene.toml is missing")
     spec = read_scene(folder / "scene.toml")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -91,23 +90,6 @@ def test_obstacles_that_files_do_not_keep(page_folder: Path) -> None:
     scene = page_folder / "scene.toml"
     scene.write_text(scene.read_text().replace('kind = "sphere"', 'kind = "custom"'))
     assert "obstacle of a class of its own" in refusal(page_folder)
-
-
-def test_a_natural_shape_that_no_mesh_has(page_folder: Path) -> None:
-    """Only the record says so here: the sentence is what counts."""
-    record = json.loads((page_folder / "result.json").read_text()) | {"natural": "metric"}
-    (page_folder / "result.json").write_text(json.dumps(record))
-    with np.load(page_folder / "result.npz") as file:
-        edges, hinges, faces = file["edges"], file["hinges"], file["faces"]
-    np.savez(
-        page_folder / "metric.npz",
-        edges=edges,
-        rest_length=np.ones(len(edges)),
-        hinges=hinges,
-        rest_angle=np.zeros(len(hinges)),
-        rest_area=np.ones(len(faces)),
-    )
-    assert "metric" in refusal(page_folder)
 
 
 def test_a_sequence_that_ends_too_early(page_folder: Path, tmp_path: Path) -> None:
