@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from casashell.contact.cone import tangents
-from casashell.dynamics.touch import Touches
 from casashell.typing import FloatArray
 
 #: Sweeps over all contacts, and the relative change of the forces that ends them.
@@ -64,29 +62,39 @@ def _sliding(w: FloatArray, b: FloatArray, mu: float) -> FloatArray:
     return chosen
 
 
-def sweep(w: FloatArray, b: FloatArray, friction: FloatArray, f: FloatArray) -> FloatArray:
+def sweep(
+    w: FloatArray,
+    b: FloatArray,
+    friction: FloatArray,
+    f: FloatArray,
+    sweeps: int = SWEEPS,
+    settled: float = SETTLED,
+) -> FloatArray:
     """Forces (C,3) of all contacts with u = W f + b, W (3C,3C), b (C,3), from a first guess f (C,3).
 
     Block Gauss-Seidel with `one_contact`; warm starts cost nothing.
+    sweeps, settled  most sweeps, and the relative change of the forces that ends them
     """
     f, count = np.array(f), len(f)
     motion = (w @ f.ravel()).reshape(-1, 3) + b
-    for _ in range(SWEEPS):
+    places = [slice(3 * i, 3 * i + 3) for i in range(count)]
+    blocks = [w[place, place] for place in places]
+    compliance = np.array([np.trace(block) / 3.0 for block in blocks])
+    known = np.full((count, 3), np.inf)
+    limit = 0.0
+    for _ in range(sweeps):
         change = 0.0
         for i in range(count):
-            rows = slice(3 * i, 3 * i + 3)
-            block = w[rows, rows]
-            fresh = one_contact(block, motion[i] - block @ f[i], float(friction[i]))
-            step = fresh - f[i]
+            alone = motion[i] - blocks[i] @ f[i]
+            if np.abs(alone - known[i]).max() <= compliance[i] * limit:
+                continue  # it would be solved as last time
+            known[i] = alone
+            step = one_contact(blocks[i], alone, float(friction[i])) - f[i]
             if step.any():
-                motion += (w[:, rows] @ step).reshape(-1, 3)
-                f[i] = fresh
+                motion += (w[:, places[i]] @ step).reshape(-1, 3)
+                f[i] += step
                 change = max(change, float(np.abs(step).max()))
-        if change <= SETTLED * float(np.abs(f).max(initial=0.0)):
+        limit = 0.1 * settled * float(np.abs(f).max(initial=0.0))
+        if change <= 10.0 * limit:
             break
     return f
-
-
-def axes(touches: Touches) -> FloatArray:
-    """Rows (C,3,3): normal and two tangents of every touch."""
-    return np.stack([touches.normal, *tangents(touches.normal)], axis=1)

@@ -34,7 +34,12 @@ class Balance:
     def size(self) -> float:
         """Largest component [N]."""
         law = float(np.abs(self.law.value).max(initial=0.0))
-        return max(float(np.abs(self.force).max(initial=0.0)), law)
+        return max(self.force_size, law)
+
+    @property
+    def force_size(self) -> float:
+        """Largest component of the forces that are not balanced [N]."""
+        return float(np.abs(self.force).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +107,19 @@ class LinearStep:
             scale = float(np.abs(entries[system.diagonal]).mean())
             data[system.diagonal[np.repeat(held, 3)]] = scale
         return data
+
+    def factor_shell(self, entries: FloatArray) -> int | None:
+        """Factor A alone, without contact; its negative eigenvalues where the solver counts them."""
+        self._factored = None
+        self._solver(True).factor(self._pinned(entries.copy(), entries))
+        self.factorizations += 1
+        return self._solver(True).negative_eigenvalues
+
+    def push_shell(self, loads: FloatArray) -> FloatArray:
+        """Displacements (3V,m) of the shell of `factor_shell` under ``loads`` (3V,m)."""
+        loads = loads.copy()
+        loads[np.repeat(~self.system.free, 3)] = 0.0
+        return self._solver(True).solve(loads)
 
     @property
     def negative_eigenvalues(self) -> int | None:

@@ -17,10 +17,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from casashell.dynamics.coulomb import axes, sweep
+from casashell.dynamics.coulomb import sweep
+from casashell.dynamics.delassus import reduce
 from casashell.dynamics.newton import Solved, StepSolver
 from casashell.dynamics.touch import Touches
-from casashell.engine.sparse_solver import SingularMatrix, make_solver
+from casashell.engine.sparse_solver import SingularMatrix
 from casashell.typing import FloatArray
 
 Method: TypeAlias = Literal["sweeps", "conic"]
@@ -62,37 +63,14 @@ def _round(
     solver: StepSolver, touches: Touches, d: FloatArray, f: FloatArray, method: Method
 ) -> tuple[FloatArray, FloatArray]:
     """One linearisation and its contact problem."""
-    system = solver.system
-    g, entries = system.linearised(d, convex=True)
-    free = np.flatnonzero(np.repeat(system.free, 3))
-    matrix = sp.csr_array(system.pattern.matrix(entries)[free][:, free])
-    frame = axes(touches)
-    rows = _rows(touches, frame, d.size)[:, free]
-    # Motion of the touches in their axes where dd = 0, the gap in its normal part.
-    motion = np.einsum("cij,cj->ci", frame, touches.slips(d))
-    motion[:, 0] = touches.gaps(d)
-    solver_a = make_solver(matrix.indptr, matrix.indices, "symmetric")
-    solver_a.factor(matrix.data)
-    answered = solver_a.solve(np.column_stack([rows.T.toarray(), -g.ravel()[free]]))
-    delassus = rows @ answered[:, :-1]
-    alone = motion + (rows @ answered[:, -1]).reshape(-1, 3)
-    local = np.einsum("cij,cj->ci", frame, f)
-    if method == "sweeps":
-        local = sweep(delassus, alone, touches.friction, local)
-    else:
-        local = _by_cones(delassus, alone, touches.friction, local)
-    full = np.zeros(d.size)
-    full[free] = answered[:, :-1] @ local.ravel() + answered[:, -1]
-    return d + full.reshape(-1, 3), np.einsum("cij,ci->cj", frame, local)
-
-
-def _rows(touches: Touches, frame: FloatArray, size: int) -> sp.csr_array:
-    """Matrix (3C,3V) from displacements to motions of the touches in their axes."""
-    count = len(touches)
-    column = np.repeat(3 * touches.vertex[:, None] + np.arange(3), 3, axis=0)
-    row = np.repeat(np.arange(3 * count), 3)
-    values = (frame.reshape(-1), (row, column.ravel()))
-    return sp.csr_array(sp.coo_array(values, shape=(3 * count, size)))
+    g, entries = solver.system.linearised(d, convex=True)
+    solver.linear.factor_shell(entries)
+    reduced = reduce(solver.linear, g, touches, d)
+    local = np.einsum("cij,cj->ci", reduced.axes, f)
+    method_of = sweep if method == "sweeps" else _by_cones
+    local = method_of(reduced.matrix, reduced.alone, touches.friction, local)
+    change, f = reduced.moved(local)
+    return d + change, f
 
 
 def _by_cones(

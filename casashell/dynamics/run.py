@@ -89,8 +89,13 @@ class Run:
                 f"{self.stepper.coarse} steps at the shortest length left a gap wrong: a body is finer "
                 "than the shell, or moves too fast"
             )
+        if self.stepper.rough:
+            self.notes.append(
+                f"{self.stepper.rough} steps at the shortest length kept a residual (see residuals): "
+                "parts of the shell are crushed flat"
+            )
         if self.stepper.rescued:
-            self.notes.append(f"{self.stepper.rescued} steps needed the conic solver")
+            self.notes.append(f"{self.stepper.rescued} steps needed sweeps over the contacts")
         return self._simulation(status, advice + _ADVICE[status])
 
     def _frames(self, callback: Callable[[Frame], None] | None) -> None:

@@ -202,6 +202,23 @@ class System:
         total = np.bincount(index, blocks[0].ravel(), minlength=x.size).reshape(-1, 3)
         return np.asarray(total, dtype=np.float64), blocks[1] if name == "hessian" else None
 
+    def action(self, d: FloatArray) -> float:
+        """The function of d whose slope is g(d) [J]."""
+        start = self._begun()
+        h, x = start.h, np.ascontiguousarray(start.x + d)
+        away = d - h * start.v
+        total = self.assembly.energy(x, self.rest)
+        total += 0.5 * float(self.mass @ (away * away).sum(axis=1)) / h**2
+        if self.damping.mass:
+            total += 0.5 * self.damping.mass / h * float(self.mass @ (d * d).sum(axis=1))
+        if self._drag is not None:
+            kernel = get_kernel(self._blown.density, "energy", interpreted=self.interpreted)
+            total += float(kernel(x, start.x, self._drag, self.faces, x)[0].sum())
+        if self._viscous is not None:
+            flat = d.ravel()
+            total += 0.5 * float(flat @ (self.pattern.matrix(self._viscous) @ flat))
+        return total
+
     def kinetic(self, v: FloatArray) -> float:
         """Kinetic energy [J]."""
         return 0.5 * float(self.mass @ (v * v).sum(axis=1))

@@ -16,7 +16,7 @@ Nothing is smoothed: sticking is delta_T = 0 exactly.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -61,6 +61,11 @@ class Touches:
         move = d[self.vertex] - self.carried
         return np.asarray(move - (self.normal * move).sum(axis=1)[:, None] * self.normal)
 
+    def only(self, chosen: IntArray) -> Touches:
+        """Some of the touches."""
+        columns = {entry.name: getattr(self, entry.name)[chosen] for entry in fields(self)}
+        return Touches(**columns)
+
     def spread(self, f: FloatArray, count: int) -> FloatArray:
         """Forces per vertex (V,3) of forces per touch (C,3)."""
         total = np.zeros((count, 3))
@@ -82,8 +87,13 @@ class NaturalMap:
     symmetric: bool
 
 
-def natural_map(touches: Touches, f: FloatArray, d: FloatArray) -> NaturalMap:
-    """The map and its derivative, that of the sliding direction included."""
+def natural_map(
+    touches: Touches, f: FloatArray, d: FloatArray, tried: BoolArray | None = None
+) -> NaturalMap:
+    """The map and its derivative, that of the sliding direction included.
+
+    tried  (C,) touches to take for sticking, whatever forces and motions say
+    """
     n, mu = touches.normal, touches.friction
     rho_n, rho_t = touches.normal_stiffness, touches.tangent_stiffness
     gap, slip = touches.gaps(d), touches.slips(d)
@@ -94,7 +104,11 @@ def natural_map(touches: Touches, f: FloatArray, d: FloatArray) -> NaturalMap:
     size = np.linalg.norm(z, axis=1)
     limit = mu * np.maximum(push, 0.0)
     closed = push > 0.0
+    if tried is not None:
+        closed = closed | tried
     slides = closed & ((size > limit) | (mu == 0.0))
+    if tried is not None:
+        slides &= ~tried
     state = np.where(closed, np.where(slides, SLIDE, STICK), OPEN)
     along = z / np.where(size > 0.0, size, 1.0)[:, None]
     shrink = np.where(slides & (size > 0.0), limit / np.where(size > 0.0, size, 1.0), 0.0)

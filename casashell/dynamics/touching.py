@@ -15,8 +15,7 @@ from casashell.dynamics.bodies import Body
 from casashell.dynamics.touch import Touches
 from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Stiffness of the natural map in that of the vertex alone.  Neighbours give way too: of 1, 0.3 and 0.1,
-#: 0.3 took the fewest iterations on moving garments.
+#: Stiffness of the natural map in that of the vertex alone: neighbours give way too.
 _SOFTER = 0.3
 #: Samples of one vertex's path through one body at most.
 _SAMPLES = 64

@@ -42,7 +42,7 @@ def compared(monkeypatch: pytest.MonkeyPatch, method: Method) -> list[tuple[floa
         self: StepSolver, touches: Touches, d: FloatArray, f: FloatArray, h: float, **kind: bool
     ) -> Solved:
         mine = newton(self, touches, d, f, h, **kind)
-        if len(touches):
+        if len(touches) and mine.converged:
             other = solve_step(self, touches, d, f, method)
             law = contact_residual(touches, other.f, other.d).max()
             assert law <= 1e-4 * self.weight  # what an interior point leaves
