@@ -216,7 +216,78 @@ _MADE: Final = {
     "Floppy Hat": "floppy-hat",
 }
 
-_ACTS: Final[Mapping[str, tuple[Act, ...]]] = {}
+_SETTLES: Final = Damping(stiffness=2e-3)
+_ALL: Final = (0.9, 1.0)
+#: Slow motions, in which the shell stays where it touches, before those in which it does not.
+_ACTS: Final[Mapping[str, tuple[Act, ...]]] = {
+    "Synthetic Skirt": (
+        Act(
+            "wind",
+            3.0,
+            wind=Spell((3.0, 0.0, 0.0), onset=0.3, until=1.0),
+            claims={"drift": (0.1, 0.5), "slipped": (0.0, 0.03), "touching": _ALL},
+        ),
+    ),
+    "Book Page": (
+        Act(
+            "weak wind",
+            3.0,
+            wind=Spell((9.0, 0.0, 0.0), onset=0.2, until=0.8),
+            damping=_SETTLES,
+            claims={"slipped": (0.01, 0.1), "end speed": (0.0, 1e-6), "turned": (0.9, 1.0)},
+        ),
+        Act(
+            "strong wind",
+            1.6,
+            wind=Spell((-14.0, 0.0, 0.0), onset=0.2, until=0.8),
+            claims={"moved": (0.5, 2.0), "turned": (-1.0, -0.5)},
+        ),
+    ),
+    "Beret": (
+        Act(
+            "light wind",
+            1.0,
+            wind=Spell((1.0, 0.0, 0.0), onset=0.1, until=0.4),
+            claims={"slipped": (1e-3, 0.1), "touching": (0.5, 1.0)},
+        ),
+        Act(
+            "strong wind",
+            0.6,
+            wind=Spell((6.0, 2.0, 0.0), onset=0.1),
+            claims={"moved": (0.5, np.inf), "touching": (0.0, 0.1)},
+        ),
+    ),
+    "Floppy Hat": (
+        Act(
+            "slow head",
+            0.8,
+            motion=swung(15.0, 0.8),
+            claims={"slip": (0.0, 0.02), "touching": _ALL},
+        ),
+        Act("fast head", 0.4, motion=swung(45.0, 0.4), claims={"slip": (0.02, np.inf)}),
+    ),
+    "Top": (Act("turning body", 0.5, motion=swung(5.0, 0.5), claims={"slip": (0.0, 0.02)}),),
+    "Saroual": (Act("turning body", 0.5, motion=swung(5.0, 0.5), claims={"slip": (0.0, 0.02)}),),
+    "Puff Sleeve": (
+        Act(
+            "swinging arm",
+            0.8,
+            motion=swung(15.0, 0.8, axis=(0.0, 0.0, 1.0)),
+            claims={"drift": (0.05, 0.5), "slipped": (0.0, 0.03)},
+        ),
+    ),
+    "Gored Skirt": (
+        Act(
+            "turning body",
+            1.0,
+            motion=swung(20.0, 1.0),
+            claims={"drift": (0.05, 0.5), "slip": (0.0, 0.05)},
+        ),
+    ),
+    "ClothCap Shirt": (
+        Act("turning body", 0.5, motion=swung(5.0, 0.5), claims={"slip": (0.0, 0.02)}),
+    ),
+}
 
 
 def examples(data: Path | None = None) -> tuple[list[Example], list[str]]:

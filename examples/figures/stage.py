@@ -14,19 +14,23 @@ from casashell.dynamics.motion import RigidMotion
 from casashell.io.camera import framed
 from casashell.io.colours import OBSTACLE, SHELL, SHELL_INSIDE
 from casashell.io.sheet import Panel
-from casashell.io.studio import Dots, Layer, Studio
+from casashell.io.studio import Curves, Dots, Layer, Studio
 from casashell.io.tessellate import Region, Surface, sunk, tessellate
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A pose (V,3) m, what to call it, when it is (for bodies that move), and its colours."""
+    """A pose (V,3) m, what to call it, when it is (for bodies that move), and its colours.
+
+    dots (n,3) are red; of ``outline`` (V,3), another pose, the rims are drawn.
+    """
 
     label: str
     points: np.ndarray
     time: float = 0.0
     colours: tuple[str, str] = (SHELL, SHELL_INSIDE)
     dots: np.ndarray | None = None
+    outline: np.ndarray | None = None
 
 
 def panels(
@@ -52,13 +56,16 @@ def panels(
             turn, shift = np.eye(3), np.zeros(3)
             if motion is not None:
                 turn, shift = motion.at(pose.time)
-            layers: list[Layer | Dots] = []
+            layers: list[Layer | Dots | Curves] = []
             for body in made:
                 moved = sunk(Surface(body.vertices @ turn.T + shift, body.faces), depth)
                 layers.append(Layer(moved, OBSTACLE, behind=True))
             layers.append(Layer(scene.target.moved(pose.points), *pose.colours, edges=True))
             if pose.dots is not None:
                 layers.append(Dots(pose.dots, "#d0021b", 11.0))
+            if pose.outline is not None:
+                rims = [pose.outline[[*rim, rim[0]]] for rim in scene.target.boundary_loops]
+                layers.append(Curves(tuple(rims), "#9b59b6", 2.0))
             drawn.append(Panel("", pose.label, studio.shoot(layers, camera, size)))
     return drawn
 
