@@ -20,7 +20,7 @@ from casashell.ribbon.scene import Body, Scene
 from casashell.typing import ArrayLike, FloatArray
 
 #: Loops in a chain, and the distance of their centres over that of a loop's ends along the chain.
-LINKS, PITCH = 9, 0.72
+LINKS, PITCH = 9, 0.68
 #: Plate stiffness [J] and density [kg/m2] of the bands of chains, of thin card.
 _CARD: Final = (1e-3, 0.15)
 _DOWN: Final = np.array([0.0, 0.0, -1.0])

@@ -27,7 +27,7 @@ class RibbonReporter(SimulationReporter):
     @contextmanager
     def stepping(self) -> Iterator[Callable[[Progress], None] | None]:
         """A callback that keeps the live line; None when there is nobody to see it."""
-        with self._line("preparing the first step") as update:
+        with self.busy("preparing the first step") as update:
             if update is None:
                 yield None
                 return

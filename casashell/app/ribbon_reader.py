@@ -53,6 +53,7 @@ must be given:
     place = [0.3, 0.0, 0.0]     # default: where it starts
     times = [0.0, 1.0]          # or keyframes
     places = [[0.3, 0.0, 0.0], [0.1, 0.2, 0.0]]
+    moves = [[0.0, 0.0, 0.0], [0.0, 0.1, 0.2]]  # or keyframes relative to where it starts
     until = 1.5                 # let go at that time
 
     [[ribbon.load]]             # dead force in N

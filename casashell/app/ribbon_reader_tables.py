@@ -196,7 +196,7 @@ def _all(table: Table, key: str, read: Callable[[Table], _Made]) -> tuple[_Made,
 
 
 _KEYS: Final = {
-    "attachment": ("s", "y", "place", "times", "places", "until"),
+    "attachment": ("s", "y", "place", "times", "places", "moves", "until"),
     "load": ("s", "y", "force", "times", "forces"),
     "guide": ("segments", "normal", "axis", "times", "turns", "weight"),
 }
@@ -204,9 +204,14 @@ _KEYS: Final = {
 
 def _hold(entry: Table, ribbon: Ribbon, state: RibbonState) -> Hold:
     s, y = _point(entry, ribbon)
-    usual = Course.constant(_place(ribbon, state, s, y))
+    here = _place(ribbon, state, s, y)
     until = entry.number("until") if "until" in entry else np.inf
-    return Hold(s, y, _course(entry, "place", "places", usual), until)
+    if "moves" in entry:
+        if "place" in entry or "places" in entry:
+            raise ValueError("give moves, place or places, only one of them")
+        moves = _keyframes(entry, "moves")
+        return Hold(s, y, Course(moves.times, here + np.asarray(moves.values)), until)
+    return Hold(s, y, _course(entry, "place", "places", Course.constant(here)), until)
 
 
 def _load(entry: Table, ribbon: Ribbon) -> Load:
@@ -259,16 +264,21 @@ def _course(entry: Table, one: str, many: str, usual: Course | None) -> Course:
     if one in entry:
         return Course.constant(entry.vector(one))
     if many in entry or "times" in entry:
-        entry.require("times", many)
-        rows = entry.values[many]
-        if not isinstance(rows, list):
-            raise entry.wrong(many, "a list of three numbers a time")
-        return Course(
-            _list(entry, "times"), [Table({many: row}, entry.where).vector(many) for row in rows]
-        )
+        return _keyframes(entry, many)
     if usual is None:
         raise ValueError(f"{one} is missing")
     return usual
+
+
+def _keyframes(entry: Table, key: str) -> Course:
+    """The vectors of ``key`` at the times of ``times``."""
+    entry.require("times", key)
+    rows = entry.values[key]
+    if not isinstance(rows, list):
+        raise entry.wrong(key, "a list of three numbers a time")
+    return Course(
+        _list(entry, "times"), [Table({key: row}, entry.where).vector(key) for row in rows]
+    )
 
 
 def _list(entry: Table, key: str) -> Sequence[float]:

@@ -7,7 +7,7 @@ all other sizes are ours.  SI; up is +z.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -96,12 +96,18 @@ def dragging(physics: RibbonPhysics) -> Scene:
 
 
 def falling(physics: RibbonPhysics) -> Scene:
-    """A satin ribbon of 1.2 m falls on its end and coils: itself and the ground in the way."""
+    """A curl of satin, 1.2 m of ribbon wound to six turns, falls on the ground and heaps up."""
+    radius, slope = 0.03, 0.35
     strip = Ribbon(1.2, 0.02, 150, *SATIN, ends="free")
-    frame = frame_of((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
-    state = placed(strip, waved(strip, 0.03, 3.0, 0.1), frame, origin=(0.0, 0.0, 0.01))
+    start = wound(strip, radius, slope)
+    # A curl by nature, of the same radius: the ribbon is at rest in the air.
+    strip = replace(strip, rest_angles=start.angles, target_rulings=start.slopes)
+    up, side = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    frame = frame_of(slope * up + side, up - slope * side)
+    state = placed(strip, start, frame, origin=(0.0, 0.0, 0.04))
     ground = Plane((0.0, 0.0, 1.0), 0.0, name="ground")
-    return Scene((Body(strip, state, name="ribbon"),), physics, thickness=1e-3, obstacles=(ground,))
+    body = Body(strip, state, name="ribbon")
+    return Scene((body,), physics, thickness=1e-3, obstacles=(ground,))
 
 
 SCENES: Final[Mapping[str, Builtin]] = {
@@ -126,7 +132,7 @@ SCENES: Final[Mapping[str, Builtin]] = {
         *("1 ribbon, 20 segments", 4.0, 0.02, 5.0, dragging),
     ),
     "falling": Builtin(
-        "a soft ribbon falls on its end and coils, with self-collision (Fig. 12)",
+        "a curl of satin falls on the ground and heaps up, with self-collision (Fig. 12)",
         *("1 ribbon, 150 segments", 0.5, 0.005, 200.0, falling),
     ),
     "double-chain": Builtin(

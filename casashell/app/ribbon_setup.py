@@ -109,6 +109,14 @@ class Actions:
             junction=self.junction,
         )
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything changes over time."""
+        courses = [hold.place for hold in self.holds] + [load.force for load in self.loads]
+        changes = any(len(np.asarray(course.times)) > 1 for course in courses)
+        changes |= any(np.isfinite(hold.until) for hold in self.holds)
+        return changes or (self.end is not None and self.end[2] is not None)
+
     def _held_end(self, t: float) -> HeldEnd | None:
         if self.end is None:
             return None
@@ -198,8 +206,6 @@ class RibbonSetup:
 
     def require_possible(self) -> None:
         """Look at all that moves, at every step: ValueError naming the ribbon and the time."""
-        from casashell.ribbon.collide import Collider  # noqa: F401  (its libraries before the run)
-
         _ = self.rule
         for number, body in enumerate(self.scene.bodies):
             label = body.name or f"ribbon {number}"
@@ -214,7 +220,10 @@ class RibbonSetup:
 
 
 def _moves(body: Body) -> bool:
-    return callable(body.setting) or body.begin is not None or bool(body.guides)
+    """Whether what acts on the ribbon is different at different times."""
+    setting = body.setting
+    moving = setting.moves if isinstance(setting, Actions) else callable(setting)
+    return moving or body.begin is not None or any(callable(g.normal) for g in body.guides)
 
 
 def _require(body: Body, t: float, h: float, gravity: FloatArray) -> None:
