@@ -223,7 +223,7 @@ _ACTS: Final[Mapping[str, tuple[Act, ...]]] = {
     "Synthetic Skirt": (
         Act(
             "wind",
-            3.0,
+            1.5,
             wind=Spell((3.0, 0.0, 0.0), onset=0.3, until=1.0),
             claims={"drift": (0.1, 0.5), "slipped": (0.0, 0.03), "touching": _ALL},
         ),
@@ -231,15 +231,15 @@ _ACTS: Final[Mapping[str, tuple[Act, ...]]] = {
     "Book Page": (
         Act(
             "weak wind",
-            3.0,
+            2.2,
             wind=Spell((9.0, 0.0, 0.0), onset=0.2, until=0.8),
             damping=_SETTLES,
             claims={"slipped": (0.01, 0.1), "end speed": (0.0, 1e-6), "turned": (0.9, 1.0)},
         ),
         Act(
             "strong wind",
-            1.6,
-            wind=Spell((-14.0, 0.0, 0.0), onset=0.2, until=0.8),
+            1.2,
+            wind=Spell((-14.0, 0.0, 0.0), onset=0.2, until=0.7),
             claims={"moved": (0.5, 2.0), "turned": (-1.0, -0.5)},
         ),
     ),

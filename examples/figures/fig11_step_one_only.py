@@ -2,8 +2,8 @@
 
 The page is that of Fig. 1, enlarged 1.5 times, on slippery pages: mu = 0.1.  (With the paper's 0.4 the
 forces of Step 1 leave their cones at the corners only, and the page moves by 1e-4 of its size; Step 1 knows
-of no friction.)  Checked: with friction the page of Step 1 slides and sags, that of both steps stays; with its
-contacts as fixed points it stays, but then wind cannot move them while the page of both steps slides.
+of no friction.)  Checked: with friction the page of Step 1 slides and sags, that of both steps stays; with
+fixed points it stays as well, but wind cannot move them, while the page of both steps slides.
 """
 
 from dataclasses import replace
