@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks import derivatives, garments, hold, programs, scaling, skips, table2
+from benchmarks import derivatives, dynamics, garments, hold, programs, scaling, skips, table2
 from benchmarks.timing import Goal
 
 PARTS = {
@@ -28,6 +28,8 @@ def main(names: list[str]) -> int:
         return table2.main(names[1:])
     if names == ["garments"]:
         return _apart("Garments", "GARMENTS.md", garments.run)
+    if names == ["dynamics"]:
+        return _apart("Simulation", "DYNAMICS.md", dynamics.run)
     if names == ["hold"]:
         return _apart("Hold test", "HOLD.md", hold.run)
     text = [

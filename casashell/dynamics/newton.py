@@ -30,7 +30,7 @@ BUDGET = 60
 _SMALL = 1e-6
 #: A factor is kept while corrections shrink by this factor.
 _KEEP = 0.2
-_SHORTEST = 1.0 / 1024.0
+_SHORTEST, _LEAST = 1.0 / 1024.0, 1.0 / 64.0
 #: No vertex moves farther in an iteration than so many mean edge lengths.
 _FARTHEST = 1.0
 #: Share of the promised decrease of energy that a move must bring.
@@ -95,15 +95,17 @@ class StepSolver:
         return max(TOLERANCE * self.weight, min(rounding, ROUNDING * self.weight))
 
     def solve(
-        self, touches: Touches, d: FloatArray, f: FloatArray, h: float, *, convex: bool = False
+        self, touches: Touches, d: FloatArray, f: FloatArray, h: float, *, energy: bool = False
     ) -> Solved:
         """The step from a first guess (d, f); at least one correction is always made.
+
+        energy  moves are cut by the energy of the step, not by the size of the next correction
 
         Never raises for what the numbers do: a step that does not converge says so.
         """
         with np.errstate(all="ignore"):
             try:
-                return self._iterate(touches, d, f, h, convex)
+                return self._iterate(touches, d, f, h, energy)
             except SingularMatrix:
                 self.linear.forget()
                 return Solved(d, f, np.inf, 0, False)
@@ -112,7 +114,7 @@ class StepSolver:
         return self.balance(touches, d, f, self.system.force(d))
 
     def _iterate(
-        self, touches: Touches, d: FloatArray, f: FloatArray, h: float, convex: bool
+        self, touches: Touches, d: FloatArray, f: FloatArray, h: float, energy: bool
     ) -> Solved:
         linear = self.linear
         at = self._at(touches, d, f)
@@ -122,9 +124,10 @@ class StepSolver:
         for count in range(1, BUDGET + 1):
             if move is None:
                 tried = watch.jammed(at)
-                move, at = self._fresh(touches, d, f, h, convex, tried)
+                move, at = self._fresh(touches, d, f, h, energy, tried)
             size, before = _length(move.d), at.size
-            share, d, f, at = self.advance(touches, d, f, move)
+            cut = self.advance if energy else self._damped
+            share, d, f, at = cut(touches, d, f, move)
             self.iterations += 1
             if not np.isfinite(at.size):
                 break
@@ -150,23 +153,38 @@ class StepSolver:
         d: FloatArray,
         f: FloatArray,
         h: float,
-        convex: bool,
+        energy: bool,
         tried: BoolArray | None,
     ) -> tuple[Move, Balance]:
         """Correction by a new factor at (d, f), of the convex part where the energy would rise."""
-        for kind in (False, True) if not convex else (True,):
+        for kind in (False, True):
             g, entries = self.system.linearised(d, convex=kind)
             self.stiffest = float(np.abs(entries).max(initial=0.0))
             at = self.balance(touches, d, f, g, tried)
             self.linear.factor(entries, touches, at.law, h)
             move = self.linear.solve(at)
-            if kind or self._slope(touches, at, f, move) <= 0.0:
+            if kind or not energy or self._slope(touches, at, f, move) <= 0.0:
                 break
         return move, at
 
     def _slope(self, touches: Touches, at: Balance, f: FloatArray, move: Move) -> float:
         """Slope of the step's energy along a move, with the contact forces at its end."""
         return float(((at.force - touches.spread(move.f, len(move.d))) * move.d).sum())
+
+    def _damped(
+        self, touches: Touches, d: FloatArray, f: FloatArray, move: Move
+    ) -> tuple[float, FloatArray, FloatArray, Balance]:
+        """Like `advance`, with moves cut until the next correction is no longer than this one."""
+        share, size = 1.0, _length(move.d)
+        while True:
+            reached, pushed = d + share * move.d, f + share * move.f
+            at = self._at(touches, reached, pushed)
+            if at.size <= self.goal or share <= _LEAST:
+                break
+            if np.isfinite(at.size) and _length(self.linear.solve(at).d) <= size:
+                break
+            share *= 0.5
+        return share, reached, pushed, at
 
     def advance(
         self, touches: Touches, d: FloatArray, f: FloatArray, move: Move

@@ -20,9 +20,9 @@ from casashell.engine.sparse_solver import SingularMatrix
 from casashell.typing import FloatArray, IntArray
 
 #: Linearisations of one step, and those without progress that end it.
-ROUNDS, _PATIENCE = 30, 8
+ROUNDS, _PATIENCE = 20, 4
 #: Touches that the sweeps may take on.
-_MANY = 120
+_MANY = 80
 #: Sweeps of one linearisation and the relative change of forces that ends them.
 _SWEEPS, _SETTLED = 40, 1e-4
 #: Residual, in mean nodal weights, from which Newton's method takes over; by how much it must be smaller
