@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from casashell.contact.obstacles import Obstacle
 from casashell.io.camera import Camera, framed
 from casashell.io.colours import NATURAL, NATURAL_INSIDE, OBSTACLE, SHELL, SHELL_INSIDE
-from casashell.io.sheet import ColourBar, Panel
+from casashell.io.sheet import ColourBar, Panel, write_sheet
 from casashell.io.studio import Curves, Layer, Studio
 from casashell.io.tessellate import Region, Surface, tessellate
 from casashell.ribbon.record import RibbonSimulation
@@ -99,6 +100,30 @@ def panels(
                 layers += _layers(one, own)
             drawn.append(Panel("", shot.label, studio.shoot(layers, own, size), shot.bar))
     return drawn if obstacles else trimmed(drawn)
+
+
+def write_rows(rows: Sequence[Sequence[Panel]], path: Path) -> None:
+    """A sheet of rows whose pictures have sizes of their own: shrunk to one width, padded to one size."""
+    width = min(row[0].picture.shape[1] for row in rows)
+    small = [[_resized(panel, width) for panel in row] for row in rows]
+    height = max(row[0].picture.shape[0] for row in small)
+    write_sheet([[_padded(panel, height) for panel in row] for row in small], path)
+
+
+def _resized(panel: Panel, width: int) -> Panel:
+    from PIL import Image
+
+    high, wide = panel.picture.shape[:2]
+    size = (width, round(high * width / wide))
+    image = Image.fromarray(panel.picture).resize(size, Image.Resampling.LANCZOS)
+    return replace(panel, picture=np.asarray(image))
+
+
+def _padded(panel: Panel, height: int) -> Panel:
+    missing = height - panel.picture.shape[0]
+    above = missing // 2
+    made = np.pad(panel.picture, ((above, missing - above), (0, 0), (0, 0)), mode="edge")
+    return replace(panel, picture=made)
 
 
 def trimmed(drawn: Sequence[Panel]) -> list[Panel]:
