@@ -45,6 +45,7 @@ def add_cloth(shell, given):
             setattr(settings, name, float(given["damping"]))
     if "air_damping" in given:
         settings.air_damping = float(given["air_damping"])
+    settings.quality = int(given["quality"])
     settings.use_dynamic_mesh = True
     if len(given["pinned"]):
         group = shell.vertex_groups.new(name="pins")

@@ -11,9 +11,10 @@ the same.
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +33,8 @@ HEAD: Final = (
 )
 #: Mass of every vertex in Blender [kg], its default.
 MASS: Final = 0.3
+#: Steps a frame; with its default of 5 stiff strips swing for ever or stop where they should not.
+QUALITY: Final = 20
 _GRAVITY: Final = 9.81
 #: Stiffness in bending while the strip hangs: too little to matter.
 _LIMP: Final = 0.01
@@ -61,6 +64,7 @@ class BlenderStiffness:
         return {
             "time_scale": np.array(self.time_scale),
             "vertex_mass": np.array(MASS),
+            "quality": np.array(QUALITY),
             "tension": np.array(heavier * self.tension),
             "bending": np.array(heavier * self.bending),
         }
@@ -80,9 +84,13 @@ class _BlenderStrip:
     python: Path
 
     def run(
-        self, down: FloatArray, frames: int, rest: FloatArray | None = None, **settings: float
+        self,
+        down: FloatArray,
+        frames: int,
+        settings: Mapping[str, float],
+        rest: FloatArray | None = None,
     ) -> FloatArray:
-        """Positions (F,V,3) under gravity along ``down``."""
+        """Positions (F,V,3) under gravity along ``down``; ``rest`` is flat by default."""
         mesh = self.strip.mesh
         arrays: Arrays = {
             "start": mesh.vertices,
@@ -96,35 +104,30 @@ class _BlenderStrip:
             "frames": np.array(frames),
             "fps": np.array(FPS),
         }
-        arrays["vertex_mass"] = np.array(MASS)
+        arrays |= {"vertex_mass": np.array(MASS), "quality": np.array(QUALITY)}
         arrays |= {key: np.array(value) for key, value in settings.items()}
         return run_script(self.python, "blender", arrays).positions
 
-    def at_rest(self, down: FloatArray, **settings: float) -> FloatArray:
+    def at_rest(
+        self, down: FloatArray, settings: Mapping[str, float], rest: FloatArray | None = None
+    ) -> FloatArray:
         """Mean pose of the last second of five, strongly damped."""
-        found = self.run(down, 5 * FPS, **_DAMPED, **settings)
+        found = self.run(down, 5 * FPS, {**_DAMPED, **settings}, rest)
         return np.asarray(found[-FPS:].mean(axis=0))
 
     def time_scale(self) -> float:
         """Time scale that makes a frame 1/60 s, from the acceleration of free fall."""
         settings = {"tension": 1.0, "bending": _LIMP, "time_scale": 1.0}
-        loose = _BlenderStrip(_Loose(self.strip.mesh), self.python)
-        found = loose.run(DOWN, 12, air_damping=0.0, damping=0.0, **settings)
+        loose = _BlenderStrip(Strip(self.strip.mesh, np.zeros(0, dtype=np.int64)), self.python)
+        found = loose.run(DOWN, 12, {**settings, "air_damping": 0.0, "damping": 0.0})
         fallen = -float(np.diff(found[:, :, 1].mean(axis=1), 2)[2:].mean())
         return 1.0 / (FPS * math.sqrt(fallen / _GRAVITY))
 
 
-class _Loose(Strip):
-    """A strip without pins."""
-
-    @property
-    def pinned(self) -> FloatArray:  # type: ignore[override]
-        return np.zeros(0, dtype=np.int64)
-
-
 def calibrated(scene: PeerScene, python: Path) -> BlenderStiffness:
     """Settings for the material of a scene at its mean edge length."""
-    strip = Strip.of(float(scene.result.target.mean_edge_length))
+    edge = float(scene.result.target.mean_edge_length)
+    strip = Strip.of(edge)
     stretch, bend = scene.value("stretch"), scene.value("bend")
     other = _BlenderStrip(strip, python)
     scale = other.time_scale()
@@ -142,7 +145,7 @@ def calibrated(scene: PeerScene, python: Path) -> BlenderStiffness:
 
     def hangs_there(tension: float) -> float:
         settings = {"tension": heavier * tension, "bending": _LIMP, "time_scale": scale}
-        return strip.longer(other.at_rest(ALONG, **settings))
+        return strip.longer(other.at_rest(ALONG, settings))
 
     tension = searched(hangs_there, 1e-3 * stretch, LONGER)
     loaded = MASS * _GRAVITY / load
@@ -151,11 +154,12 @@ def calibrated(scene: PeerScene, python: Path) -> BlenderStiffness:
         return {"tension": loaded * tension, "bending": loaded * bending, "time_scale": scale}
 
     def sags_there(bending: float) -> float:
-        return strip.sag(other.at_rest(DOWN, **bent(bending)))
+        return strip.sag(other.at_rest(DOWN, bent(bending)))
 
-    bending = searched(sags_there, 1e-2 * bend, SAG)
+    # Near where it is on other meshes.
+    bending = searched(sags_there, 0.12 * bend / edge**2, SAG)
     rolled = strip.rolled(0.1)
-    curled = strip.mean_fold(other.at_rest(0.0 * DOWN, rest=rolled, **bent(bending)))
+    curled = strip.mean_fold(other.at_rest(0.0 * DOWN, bent(bending), rolled))
     share = curled / strip.mean_fold(rolled)
     ratios = (hangs_there(tension) / LONGER, sags_there(bending) / SAG)
     return BlenderStiffness(scale, tension, bending, *ratios, share)
@@ -164,22 +168,40 @@ def calibrated(scene: PeerScene, python: Path) -> BlenderStiffness:
 def searched(
     measure: Callable[[float], float], start: float, wanted: float, tolerance: float = 0.02
 ) -> float:
-    """Positive number at which ``measure`` is ``wanted``, by secants of the logarithms.
+    """Positive number at which a monotonous ``measure`` is ``wanted``, by logarithms.
 
-    Raises RuntimeError when twelve measurements do not suffice.
+    Raises RuntimeError when it is further off than a factor of 4000.
     """
-    found: list[tuple[float, float]] = []
-    x = math.log(start)
-    for _ in range(12):
-        value = measure(math.exp(x))
-        miss = math.log(max(value, 1e-6) / wanted)
-        if abs(miss) <= tolerance:
-            return math.exp(x)
-        found.append((x, miss))
-        if len(found) == 1:
-            x += 0.7
-            continue
-        (a, fa), (b, fb) = found[-2:]
-        slope = (fb - fa) / (b - a) if fb != fa else 1.0
-        x = b - max(-3.0, min(3.0, fb / slope))
-    raise RuntimeError(f"nothing within reach measures {wanted}: last {value:.3g}")
+    from scipy.optimize import brentq
+
+    def miss(x: float) -> float:
+        found = math.log(max(measure(math.exp(x)), 1e-6) / wanted)
+        return 0.0 if abs(found) <= tolerance else found
+
+    low = high = math.log(start)
+    below = above = miss(low)
+    if below == 0.0:
+        return start
+    for _ in range(5):
+        low, high = low - math.log(5.0), high + math.log(5.0)
+        for x, known in ((high, above), (low, below)):
+            found = miss(x)
+            if found * known <= 0.0:
+                inner = x - math.copysign(math.log(5.0), x - math.log(start))
+                return math.exp(brentq(miss, inner, x, xtol=1e-3, maxiter=20))
+            if x == high:
+                above = found
+            else:
+                below = found
+    raise RuntimeError(f"nothing within a factor of 4000 of {start:.3g} measures {wanted}")
+
+
+def kept(scene: PeerScene, python: Path, folder: Path) -> BlenderStiffness:
+    """The settings of an earlier run in ``folder``, or new ones, which are kept there."""
+    file = folder / f"{scene.name}-blender.json"
+    if file.is_file():
+        return BlenderStiffness(**json.loads(file.read_text(encoding="utf-8")))
+    found = calibrated(scene, python)
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(asdict(found), indent=1), encoding="utf-8")
+    return found

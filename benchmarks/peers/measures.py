@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.peers.programs import Trajectory
 from casashell.contact.obstacles import Obstacle
 from casashell.result import Result
-from casashell.typing import FloatArray
+from casashell.typing import IntArray
 
 #: Creep is the way of the last so many seconds, which shaking in place does not add up to.
 LAST: Final = 0.5
@@ -66,7 +66,7 @@ def drift_at(run: Trajectory, moment: float, size: float) -> float:
     return float(way.max() / size)
 
 
-def creep(run: Trajectory, contacts: FloatArray, obstacles: Sequence[Obstacle]) -> float:
+def creep(run: Trajectory, contacts: IntArray, obstacles: Sequence[Obstacle]) -> float:
     """Largest speed [m/s] along the body of vertices ``contacts`` over the last half second."""
     first = int(np.searchsorted(run.times, run.times[-1] - LAST - 1e-6))
     if not len(contacts) or not obstacles or first == len(run.times) - 1:

@@ -93,7 +93,10 @@ def main(source, target):
     model = model_of(given)
     pipeline = newton.CollisionPipeline(model, broad_phase="nxn", soft_contact_gap=0.02)
     solver = newton.solvers.SolverVBD(
-        model, iterations=int(given["iterations"]), collision_pipeline=pipeline
+        model,
+        iterations=int(given["iterations"]),
+        friction_epsilon=float(given["friction_epsilon"]),
+        collision_pipeline=pipeline,
     )
     now, after, control = model.state(), model.state(), model.control()
     now.particle_q.assign(given["start"].astype(np.float32))

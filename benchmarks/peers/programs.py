@@ -39,9 +39,7 @@ class Trajectory:
     def until(self, seconds: float) -> Trajectory:
         """The part up to a time."""
         kept = self.times <= seconds + 0.5 / FPS
-        return Trajectory(
-            self.times[kept], self.positions[kept], self.frame_seconds, self.version
-        )
+        return Trajectory(self.times[kept], self.positions[kept], self.frame_seconds, self.version)
 
 
 def checked_python(option: str, path: Path, module: str) -> Path:

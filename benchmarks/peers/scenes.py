@@ -1,4 +1,4 @@
-"""A result in plain arrays for programs that know nothing of casashell, and the strips that calibrate them."""
+"""A result in plain arrays for programs that know nothing of casashell."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from casashell.contact.obstacles import Cone, Obstacle, Plane, Sphere
 from casashell.io.results import load_result
-from casashell.io.tessellate import Region, sunk, tessellate
+from casashell.io.tessellate import Region, Surface, sunk, tessellate
 from casashell.mesh import TriMesh
 from casashell.result import Result
 from casashell.typing import AnyArray, FloatArray
@@ -95,11 +95,14 @@ class PeerScene:
             made |= {f"vertices_{number}": surface.vertices, f"faces_{number}": surface.faces}
         return made
 
-    def for_newton(self, rest: str, seconds: float, *, springs: bool, steps: int) -> Arrays:
+    def for_newton(
+        self, rest: str, seconds: float, *, springs: bool, slow: float = 1e-2, steps: int = 10
+    ) -> Arrays:
         """Analytic bodies where there are; contacts pressed from the start as in the design.
 
         A contact is as thick as its gap and as deep in Newton's elastic layer as its normal force
-        asks for, so that friction can act in the first step.
+        asks for, so that friction can act in the first step.  ``slow`` [m/s] is the speed below
+        which its friction is less than Coulomb's; 0.01 is its default.
         """
         made = self.common(rest, seconds)
         radii = np.full(len(made["start"]), THICKNESS)
@@ -110,6 +113,7 @@ class PeerScene:
             "radii": radii,
             "contact_ke": np.array(CONTACT_STIFFNESS),
             "springs": np.array(springs),
+            "friction_epsilon": np.array(slow),
             "substeps": np.array(steps),
             "iterations": np.array(10),
         }
@@ -123,7 +127,7 @@ class PeerScene:
             }
         return made
 
-    def _surface(self, obstacle: Obstacle):  # type: ignore[no-untyped-def]
+    def _surface(self, obstacle: Obstacle) -> Surface:
         return tessellate(obstacle, Region.around(self.result.target.vertices, scale=3.0))
 
 

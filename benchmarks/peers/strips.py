@@ -26,9 +26,10 @@ ALONG: Final[FloatArray] = np.array([1.0, 0.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A flat strip along +x in the plane y = 0, three vertices wide; the first two rows are pinned."""
+    """A flat strip along +x in the plane y = 0, three vertices wide; its first rows are pinned."""
 
     mesh: TriMesh
+    pinned: IntArray
 
     @staticmethod
     def of(edge: float) -> Strip:
@@ -41,12 +42,12 @@ class Strip:
             for b in range(2):
                 p, q = 3 * a + b, 3 * a + b + 3
                 odd = a % 2
-                faces += [(p, q, q + 1), (p, q + 1, p + 1)] if odd else [(p, q, p + 1), (p + 1, q, q + 1)]
-        return Strip(TriMesh(points, np.array(faces, dtype=np.int64)))
-
-    @property
-    def pinned(self) -> IntArray:
-        return np.arange(6, dtype=np.int64)
+                faces += (
+                    [(p, q, q + 1), (p, q + 1, p + 1)]
+                    if odd
+                    else [(p, q, p + 1), (p + 1, q, q + 1)]
+                )
+        return Strip(TriMesh(points, np.array(faces, dtype=np.int64)), np.arange(6))
 
     @property
     def free_length(self) -> float:
@@ -66,7 +67,8 @@ class Strip:
         )
         terms = (edge_stretch(self.mesh, stretch), hinge_bending(self.mesh, bend), loads)
         far = Plane((0.0, 1.0, 0.0), -100.0 * self.free_length)
-        found = settle(Assembly(terms, count), self.mesh.vertices, far, pinned=self.pinned)
+        flat = self.mesh.vertices
+        found = settle(Assembly(terms, count), flat, far, pinned=self.pinned, tolerance=1e-6)
         if not found.converged:
             raise RuntimeError(f"the strip did not come to rest: residual {found.residual:.1e}")
         return found.pose
