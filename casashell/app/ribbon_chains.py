@@ -63,7 +63,7 @@ def chain(
 ) -> list[Body]:
     """`LINKS` ribbons of one shape, from ``top`` (3,) [m] on; each turned a quarter from the last.
 
-    The first is held at its highest ruling.
+    The first is held at its highest point.
     """
     down = np.asarray(along, dtype=np.float64)
     one = np.cross(down, [0.0, 1.0, 0.0])
@@ -75,21 +75,16 @@ def chain(
         pitch = PITCH * (reach.max() - reach.min())
         place = np.asarray(top) + (k * pitch - reach.min()) * down
         link = replace(turned, origin=turned.origin + place)
-        actions = Actions(holds=_held_ruling(ribbon, link, -down)) if k == 0 else Actions()
+        actions = Actions(holds=_held_top(ribbon, link, -down)) if k == 0 else Actions()
         bodies.append(Body(ribbon, link, actions, name=f"{name} {k}"))
     return bodies
 
 
-def _held_ruling(ribbon: Ribbon, state: RibbonState, up: FloatArray) -> tuple[Hold, ...]:
-    """Both ends of the highest ruling stay where they are."""
-    shape = reconstruct(ribbon, state)
-    i = int(np.argmax(shape.middle[:-1] @ up))
-    at, run = i * ribbon.segment, 0.5 * ribbon.width * shape.slopes[i]
-    half = 0.5 * ribbon.width
-    return (
-        Hold(at - run, -half, Course.constant(shape.bottom[i])),
-        Hold(at + run, half, Course.constant(shape.top[i])),
-    )
+def _held_top(ribbon: Ribbon, state: RibbonState, up: FloatArray) -> tuple[Hold, ...]:
+    """The highest point of the centreline stays where it is."""
+    middle = reconstruct(ribbon, state).middle[:-1]
+    i = int(np.argmax(middle @ up))
+    return (Hold(i * ribbon.segment, 0.0, Course.constant(middle[i])),)
 
 
 def upright(ribbon: Ribbon, state: RibbonState, up: ArrayLike, axis: ArrayLike) -> RibbonState:

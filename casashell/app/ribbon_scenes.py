@@ -25,7 +25,7 @@ from casashell.ribbon.scene import Body, Guide, Scene
 #: Copy paper: plate stiffness [J] and density [kg/m2].
 PAPER: Final = (2.7e-4, 0.08)
 #: Soft satin: the same of a ribbon that coils where it falls.
-SATIN: Final = (2e-5, 0.1)
+SATIN: Final = (1e-4, 0.1)
 
 _NONE: Final = (0.0, 0.0, 0.0)
 
