@@ -203,8 +203,9 @@ def _written(
     for name in dict.fromkeys(("html", *(() if interrupted else formats))):
         with reporter.writing(name) as progress:
             names.append(write_format(name, animation, out, 1.0, progress))
-    if interrupted and formats:
-        reporter.line(f"note: {', '.join(formats)} not written: interrupted")
+    left = [name for name in formats if name != "html"]
+    if interrupted and left:
+        reporter.line(f"note: {', '.join(left)} not written: interrupted")
     if not interrupted:
         shutil.rmtree(out / CHECKPOINT, ignore_errors=True)
     return names

@@ -113,7 +113,7 @@ def falling(physics: RibbonPhysics) -> Scene:
 SCENES: Final[Mapping[str, Builtin]] = {
     "moebius": Builtin(
         "a Moebius band of paper falls on a table",
-        *("1 ribbon, 40 segments", 0.6, 0.01, 30.0, hanging_band),
+        *("1 ribbon, 40 segments", 0.6, 0.01, 25.0, hanging_band),
     ),
     "cantilever": Builtin(
         "a strip of paper, clamped level and let go, until it hangs as the heavy elastica",
@@ -121,7 +121,7 @@ SCENES: Final[Mapping[str, Builtin]] = {
     ),
     "helix": Builtin(
         "a wound strip of paper hangs from its clamp and unrolls (Fig. 8)",
-        *("1 ribbon, 40 segments", 0.5, 0.01, 20.0, helix),
+        *("1 ribbon, 40 segments", 0.5, 0.01, 23.0, helix),
     ),
     "torsion": Builtin(
         "extreme torsion: a pulled strip is twisted by a turn and a half (Fig. 9)",
@@ -129,19 +129,19 @@ SCENES: Final[Mapping[str, Builtin]] = {
     ),
     "dragging": Builtin(
         "extreme dragging: a hand leads a corner of a clamped strip around (Fig. 7)",
-        *("1 ribbon, 20 segments", 4.0, 0.02, 5.0, dragging),
+        *("1 ribbon, 20 segments", 4.0, 0.02, 12.0, dragging),
     ),
     "falling": Builtin(
         "a curl of satin falls on the ground and heaps up, with self-collision (Fig. 12)",
-        *("1 ribbon, 150 segments", 0.5, 0.005, 200.0, falling),
+        *("1 ribbon, 150 segments", 0.2, 0.01, 700.0, falling),
     ),
     "double-chain": Builtin(
         "two chains of 9 loops swing into each other (Table I)",
-        *("18 ribbons, 360 segments", 0.4, 0.01, 200.0, double_chain),
+        *("18 ribbons, 360 segments", 0.5, 0.01, 180.0, double_chain),
     ),
     "moebius-chain": Builtin(
         "a chain of 9 Moebius bands is let go (Table I)",
-        *("9 ribbons, 180 segments", 0.4, 0.01, 200.0, moebius_chain),
+        *("9 ribbons, 180 segments", 0.5, 0.01, 110.0, moebius_chain),
     ),
 }
 
