@@ -10,11 +10,11 @@ from posed import sheet
 from casashell.contact.mesh_obstacle import MeshObstacle
 from casashell.contact.obstacles import Cone, Obstacle, Plane, Sphere
 from casashell.dynamics.motion import RigidMotion
-from casashell.dynamics.newton import StepSolver
+from casashell.dynamics.newton import Solved
 from casashell.dynamics.sequence import solve_sequence
 from casashell.dynamics.simulate import simulate
 from casashell.dynamics.simulation import Simulation, SimulationStatus
-from casashell.dynamics.stepper import State, Stepper
+from casashell.dynamics.stepper import State, Stepper, Tally
 from casashell.dynamics.touch import Touches, natural_map
 from casashell.mesh import TriMesh
 from formulations.wind import FaceWind
@@ -47,7 +47,7 @@ def scene(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Simulation, float
     result = sheet(
         mesh.moved(mesh.vertices + away), (body,), bend=1e-3 * stiff[0], stretch=20.0 * stiff[1]
     )
-    shaken = RigidMotion(np.array([0.0, 0.2]), translation=[[0, 0, 0], [0.3, 0, 0.2]])
+    shaken = RigidMotion(np.array([0.0, 0.2]), translation=[[0.0, 0.0, 0.0], [0.3, 0.0, 0.2]])
     fed = seed % 3 != 0
     motion = shaken if seed % 3 == 1 else None
     wind = FaceWind((4.0, 1.0, 0.0)) if seed % 3 == 2 else None
@@ -58,14 +58,13 @@ def scene(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Simulation, float
         self: Stepper,
         state: State,
         touches: Touches,
-        solved,
-        *more,  # type: ignore[no-untyped-def]
+        solved: Solved, h: float, end: float, tally: Tally
     ) -> None:
         push = (solved.f * touches.normal).sum(axis=1)
         drag = np.linalg.norm(solved.f - push[:, None] * touches.normal, axis=1)
         over = np.maximum(drag - touches.friction * push, -push)
         worst[0] = max(worst[0], float(over.max(initial=0.0)) / self.solver.weight)
-        accept(self, state, touches, solved, *more)
+        accept(self, state, touches, solved: Solved, h: float, end: float, tally: Tally)
 
     monkeypatch.setattr(Stepper, "_accept", watched)
     run = simulate(result, 0.25, motion=motion, wind=wind, velocity=(rng.uniform(-2, 2), 0.0, -1.0))
@@ -97,13 +96,12 @@ def test_a_jammed_contact_is_solved_by_sweeps(monkeypatch: pytest.MonkeyPatch) -
     usual = simulate(falling, 0.1, velocity=(0.2, 0.0, 0.0))
     seen: list[float] = []
 
-    def by_sweeps(self: Stepper, touches: Touches, state: State, h: float):  # type: ignore[no-untyped-def]
+    def by_sweeps(self: Stepper, touches: Touches, state: State, h: float) -> Solved:
         f = state.forces[touches.body, touches.vertex]
         made = solve_sequence(self.solver, touches, h * state.v, f, h)
         seen.append(float(np.abs(natural_map(touches, made.f, made.d).value).max(initial=0.0)))
         return made
 
-    assert StepSolver.solve is not None
     monkeypatch.setattr(Stepper, "_solve", by_sweeps)
     other = simulate(falling, 0.1, velocity=(0.2, 0.0, 0.0))
     assert len(seen) >= 6
