@@ -58,13 +58,16 @@ def scene(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Simulation, float
         self: Stepper,
         state: State,
         touches: Touches,
-        solved: Solved, h: float, end: float, tally: Tally
+        solved: Solved,
+        h: float,
+        end: float,
+        tally: Tally,
     ) -> None:
         push = (solved.f * touches.normal).sum(axis=1)
         drag = np.linalg.norm(solved.f - push[:, None] * touches.normal, axis=1)
         over = np.maximum(drag - touches.friction * push, -push)
         worst[0] = max(worst[0], float(over.max(initial=0.0)) / self.solver.weight)
-        accept(self, state, touches, solved: Solved, h: float, end: float, tally: Tally)
+        accept(self, state, touches, solved, h, end, tally)
 
     monkeypatch.setattr(Stepper, "_accept", watched)
     run = simulate(result, 0.25, motion=motion, wind=wind, velocity=(rng.uniform(-2, 2), 0.0, -1.0))
