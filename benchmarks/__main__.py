@@ -11,7 +11,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks import derivatives, dynamics, garments, hold, programs, scaling, skips, table2
+from benchmarks import (
+    derivatives,
+    dynamics,
+    garments,
+    hold,
+    programs,
+    ribbons,
+    scaling,
+    skips,
+    table2,
+)
 from benchmarks.timing import Goal
 
 PARTS = {
@@ -30,6 +40,8 @@ def main(names: list[str]) -> int:
         return _apart("Garments", "GARMENTS.md", garments.run)
     if names == ["dynamics"]:
         return _apart("Simulation", "DYNAMICS.md", dynamics.run)
+    if names == ["ribbons"]:
+        return _apart("Ribbons", "RIBBONS.md", ribbons.run)
     if names == ["hold"]:
         return _apart("Hold test", "HOLD.md", hold.run)
     text = [

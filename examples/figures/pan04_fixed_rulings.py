@@ -47,7 +47,7 @@ def measure_one(every: int, steps: int = STEPS) -> Run:
     # Bent a little: a flat strip has no rulings to move.  Unslanted at first.
     start = waved(STRIP, 0.02, 2.5)
     guide = Guide((18, 19), wanted, 100.0)
-    turned, middles, frozen = [], [], start.slopes
+    turned, middles, frozen, pasts = [], [], start.slopes, ()
     with Workers(1) as workers:
         for k in range(steps + 1):
             kept = replace(STRIP, regulariser=STIFF, target_rulings=frozen)
@@ -98,7 +98,8 @@ if __name__ == "__main__":
     draw(runs, out / "pan04_fixed_rulings.png")
     lines = [
         f"{name}: end turned by {run.turned[19]:.1f} of {GOAL[19]:.1f}, {run.turned[-1]:.1f} of "
-        f"{GOAL[-1]:.1f} degrees; slopes moved by {run.moved:.1e}, up to {deviation(run, runs[-1]):.1e} L away"
+        f"{GOAL[-1]:.1f} degrees; slopes moved by {run.moved:.1e}, "
+        f"up to {deviation(run, runs[-1]):.1e} L away"
         for name, run in zip(RUNS, runs)
     ]
     conclude(lines, complaints(runs))

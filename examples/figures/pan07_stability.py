@@ -1,7 +1,7 @@
 """Pan 2016, Fig. 7: extreme torsion and extreme dragging.
 
-Torsion: the built-in scene, a strip 10 x 1, pulled and twisted at its end by a turn and a half.  Dragging: a
-loop 10 x 1 pulled apart at opposite points by forces of 500 D W / L^2.
+Torsion: the built-in scene, a strip 10 x 1, pulled and twisted at its end by a turn and a half.
+Dragging: a loop 10 x 1 pulled apart at opposite points by forces of 500 D W / L^2.
 Checked: every step is made, whole; lengths stay to rounding; hard steps take at most ten times the
 iterations of the mean one; the twisted end follows its guide to 2 degrees; the loop at rest has the
 curvature sqrt(F / (D W)) where it is pulled (closed form of a long loop), within 3 %.

@@ -3,8 +3,8 @@
 A strip 10 x 0.6 wound on a cylinder of radius 1 with slanted rulings, clamped at one end and let go; no
 gravity.  Its size and material are ours, slow enough for a step of 0.05 s: a light strip of paper unrolls
 within one such step, and then implicit Euler shows its own damping instead.
-Checked: the shapes agree with each other, and with steps of 0.0025 s, to one to three hundredths of the length
-while the ends travel a sixth of it, and the error falls with the step.
+Checked: the shapes agree with each other, and with steps of 0.0025 s, to one to three hundredths of the
+length while the ends travel a sixth of it, and the error falls with the step.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Pan 2016, Fig. 11: a strip that spins about its centreline.
 
-With its mass on the centreline it has no inertia about it: it stays flat, however fast.  With the consistent
-mass it bends, rulings slanted in turn to either side, once the spin passes the threshold at which the
+With its mass on the centreline it has no inertia about it: it stays flat, however fast.  With the
+consistent mass it bends once the spin passes the threshold at which the
 centrifugal force is stiffer than the first bending mode of a free strip: 22.373 sqrt(D / rho) / L^2.
 Checked: from the same start, uneven by 1e-3 rad, nothing grows with lumped mass or below the threshold, and
 the strip bends by more than 0.5 rad in all above it.

@@ -8,6 +8,7 @@ only the gradient differs.  Checked: they agree to rounding; fitted exponents of
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,13 +60,13 @@ def measure(segments: tuple[int, ...] = SEGMENTS, adjoint: tuple[int, ...] = ADJ
     times, apart = {name: [] for name in WAYS}, 0.0
     for n in adjoint:
         shape, g = wavy(n)
-        times["adjoint"].append((n, best(lambda: pull_back(shape, g))))
+        times["adjoint"].append((n, best(partial(pull_back, shape, g))))
         if n not in segments:
             continue
         made = pull_back(shape, g).creases
         for name, other in (
-            ("chain rule", lambda: by_chain_rule(shape, g)),
-            ("adjoint, two passes", lambda: by_two_passes(10.0, shape, g)),
+            ("chain rule", partial(by_chain_rule, shape, g)),
+            ("adjoint, two passes", partial(by_two_passes, 10.0, shape, g)),
         ):
             apart = max(apart, float(np.abs(other() - made).max() / np.abs(made).max()))
             times[name].append((n, best(other)))
