@@ -84,6 +84,7 @@ def _captions(simulation: RibbonSimulation) -> tuple[str, ...]:
 
 def _series(simulation: RibbonSimulation) -> dict[str, Any]:
     energy = total_energy(simulation)
+    energy[np.abs(energy) < 1e-12 * np.abs(energy).max()] = 0.0  # rounding of what is at rest
     names = ("kinetic", "elastic", "weight", "total")
     curves: dict[str, Any] = {f"{name} energy (J)": row for name, row in zip(names, energy.T)}
     steps: dict[str, Any] = {
