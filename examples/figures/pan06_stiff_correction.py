@@ -1,7 +1,7 @@
 """Pan 2016, Fig. 6: a collision response that resists stretching keeps triangles whole.
 
-Two loops with 20 segments, linked, are thrown apart.  Every step of the motion is corrected twice from the same
-start and the same proposed positions: with the stiffness of the edges in the quadratic program, which is
+Two loops with 20 segments, linked, are thrown apart.  Every step of the motion is corrected twice from
+the same start and the same proposed positions: with the stiffness of the edges in the quadratic program, which is
 what goes on, and without.  Checked: nothing passes through anything either way, and in every step with an
 impact the largest strain of an edge is smaller with stiffness, over all of them by a factor of two or more.
 """
@@ -61,7 +61,8 @@ def measure() -> list[Corrected]:
 
     def collide(start, end):
         before, after = (
-            np.concatenate([to_vertices(*rims, "loop") for rims in places]) for places in (start, end)
+            np.concatenate([to_vertices(*rims, "loop") for rims in places])
+            for places in (start, end)
         )
         found = {name: one.resolve(before, after).positions for name, one in colliders.items()}
         if any(np.abs(x - after).max() > 1e-9 for x in found.values()):
@@ -97,7 +98,9 @@ def draw(steps: list[Corrected], path: Path) -> None:
     worst = max(steps, key=lambda step: step.strains["without stiffness"])
     shots, half = [], len(worst.proposed) // 2
     for name, x in worst.made.items():
-        loops = [piece(*to_rims(part, "loop"), LINKS[k]) for k, part in enumerate((x[:half], x[half:]))]
+        loops = [
+            piece(*to_rims(part, "loop"), LINKS[k]) for k, part in enumerate((x[:half], x[half:]))
+        ]
         shots.append(Shot(f"{name}: edges strained by {100 * worst.strains[name]:.1f} %", loops))
     write_sheet([panels(shots, view=(25.0, 25.0), height=620)], path)
 

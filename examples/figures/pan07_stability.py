@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from ribbon_stage import Shot, panels, pieces, write_rows
+from ribbon_stage import Shot, panels, pieces, write_grid
 from stage import conclude, folder
 
 from casashell.app.ribbon_measures import isometry_error
@@ -81,17 +81,13 @@ def complaints(twist: Run, angle: float, loop: Run, curvature: float) -> list[st
 
 
 def draw(twist: Run, loop: Run, path: Path) -> None:
-    rows = []
-    turns = (0.5, 1.0, 1.5)
-    frames = [round(t / 1.5 * 6.0 / (twist.sim.times[1])) for t in turns[:-1]]
-    words = [f"twisted by {t:g} turns" for t in turns]
-    shots = [Shot(w, pieces(twist.sim, k)) for w, k in zip(words, [*frames, -1])]
-    rows.append(panels(shots, view=(25.0, 20.0), height=520))
-    pulls = (0, PULLING // 8, STEPS)
+    turns, pulls = (0.5, 1.0, 1.5), (0, PULLING // 4, STEPS)
+    frames = [*(round(4.0 * t / twist.sim.times[1]) for t in turns[:-1]), -1]
+    twists = [Shot(f"twisted by {t:g} turns", pieces(twist.sim, k)) for t, k in zip(turns, frames)]
     shown = [FORCE * min(k / PULLING, 1.0) for k in pulls]
-    shots = [Shot(f"loop pulled by {f:.2g} N", pieces(loop.sim, k)) for f, k in zip(shown, pulls)]
-    rows.append(panels(shots, view=(25.0, 20.0), height=520))
-    write_rows(rows, path)
+    loops = [Shot(f"pulled by {f:.3g} N", pieces(loop.sim, k)) for f, k in zip(shown, pulls)]
+    sides = [panels(shots, view=(25.0, 20.0), height=520) for shots in (twists, loops)]
+    write_grid(list(zip(*sides)), (620, 330), path)
 
 
 if __name__ == "__main__":

@@ -102,28 +102,17 @@ def panels(
     return drawn if obstacles else trimmed(drawn)
 
 
-def write_rows(rows: Sequence[Sequence[Panel]], path: Path) -> None:
-    """A sheet of rows whose pictures have sizes of their own: shrunk to one width, padded to one size."""
-    width = min(row[0].picture.shape[1] for row in rows)
-    small = [[_resized(panel, width) for panel in row] for row in rows]
-    height = max(row[0].picture.shape[0] for row in small)
-    write_sheet([[_padded(panel, height) for panel in row] for row in small], path)
+def write_grid(rows: Sequence[Sequence[Panel]], box: tuple[int, int], path: Path) -> None:
+    """A sheet of pictures of any size, each fitted into a ``box`` of (width, height) pixels."""
+    write_sheet([[_fitted(panel, box) for panel in row] for row in rows], path)
 
 
-def _resized(panel: Panel, width: int) -> Panel:
-    from PIL import Image
+def _fitted(panel: Panel, box: tuple[int, int]) -> Panel:
+    from PIL import Image, ImageOps
 
-    high, wide = panel.picture.shape[:2]
-    size = (width, round(high * width / wide))
-    image = Image.fromarray(panel.picture).resize(size, Image.Resampling.LANCZOS)
-    return replace(panel, picture=np.asarray(image))
-
-
-def _padded(panel: Panel, height: int) -> Panel:
-    missing = height - panel.picture.shape[0]
-    above = missing // 2
-    made = np.pad(panel.picture, ((above, missing - above), (0, 0), (0, 0)), mode="edge")
-    return replace(panel, picture=made)
+    ground = tuple(int(value) for value in panel.picture[0, 0])
+    image = Image.fromarray(panel.picture)
+    return replace(panel, picture=np.asarray(ImageOps.pad(image, box, color=ground)))
 
 
 def trimmed(drawn: Sequence[Panel]) -> list[Panel]:
