@@ -21,6 +21,7 @@ from casashell.ribbon.record import (
     save_checkpoint,
 )
 from casashell.ribbon.resample import Resample
+from casashell.ribbon.response import responded
 from casashell.ribbon.rigid_zones import Unresolved
 from casashell.ribbon.scene import Body, Collide, Scene
 from casashell.ribbon.step import (
@@ -32,7 +33,6 @@ from casashell.ribbon.step import (
     Solver,
     Task,
     advance,
-    after,
     rim_points,
 )
 from casashell.typing import FloatArray
@@ -117,7 +117,7 @@ class Stepper:
                 raise StepFailed(f"collision response: {error}") from error
         outcomes = [end.outcome for end in ends]
         return _Made(
-            tuple(after(task, end, x) for task, end, x in zip(tasks, ends, points)),
+            responded(tasks, ends, points, scene.physics, self.rule),
             np.array([float(o.inner) for o in outcomes]),
             np.array([float(o.outer) for o in outcomes]),
             np.array([o.projected_gradient for o in outcomes]),

@@ -14,9 +14,10 @@ import numpy as np
 from casashell.ribbon import forces
 from casashell.ribbon.chain import BOTTOM, TOP, reconstruct
 from casashell.ribbon.program import Multipliers
+from casashell.ribbon.response import kinetic_energy
 from casashell.ribbon.ribbon import Ribbon, RibbonState
 from casashell.ribbon.scene import Body, Scene
-from casashell.ribbon.step import Past, Rule, consistent, lumped, rims
+from casashell.ribbon.step import Past, Rule
 from casashell.ribbon.terms import Terms
 from casashell.typing import AnyArray, FloatArray
 
@@ -83,12 +84,7 @@ def _energies(scene: Scene, body: Body, past: Past, rule: Rule) -> tuple[float, 
 
     elastic = total(*forces.elastic(ribbon, physics))
     weight = total(forces.gravity(ribbon, physics, scene.gravity)) if np.any(scene.gravity) else 0.0
-    if rule.mass == "lumped":
-        motion = lumped(ribbon, physics, past.lapse, past.former.mean(axis=0))
-    else:
-        former = rims(ribbon, past.former_slopes, past.former, physics, rule.interpolant)
-        motion = consistent(ribbon, physics, past.lapse, former, former)
-    return total(motion), elastic, weight
+    return kinetic_energy(ribbon, physics, rule, past), elastic, weight
 
 
 @dataclass(frozen=True)
