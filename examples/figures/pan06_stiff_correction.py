@@ -1,9 +1,9 @@
 """Pan 2016, Fig. 6: a collision response that resists stretching keeps triangles whole.
 
 Two loops with 20 segments, linked, are thrown apart.  Every step of the motion is corrected twice from
-the same start and the same proposed positions: with the stiffness of the edges in the quadratic program, which is
-what goes on, and without.  Checked: nothing passes through anything either way, and in every step with an
-impact the largest strain of an edge is smaller with stiffness, over all of them by a factor of two or more.
+the same start and the same proposed positions: with the stiffness of the edges in the quadratic program,
+which is what goes on, and without.  Checked: nothing passes through anything either way, and in every step
+with an impact the largest strain of an edge is smaller with stiffness, over all by a factor of two or more.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,9 @@
 """Pan 2016, Fig. 12: a long ribbon falls on the ground; two chains of 9 loops; a chain of Moebius bands.
 
 The ribbon has the paper's 150 segments, the chains are the first moments of the built-in scenes
-`double-chain` and `moebius-chain`.  Checked in every frame: no two faces pass through each other, nothing is below the
-ground, and neighbours in a chain stay linked (Gauss linking number of centrelines, exact for polygons).
+`double-chain` and `moebius-chain`.  Checked in every frame: no two faces pass through each other, nothing
+is below the ground, and neighbours in a chain stay linked (Gauss linking number of centrelines, exact for
+polygons).
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from casashell.ribbon import Body, Ribbon, RibbonSimulation, Scene, simulate
 from formulations import ribbon_physics
 
 #: Seconds of motion and step [s] of each scene.
-TIMES = {"falling": (0.6, 0.02), "double-chain": (0.16, 0.01), "moebius-chain": (0.12, 0.01)}
+TIMES = {"falling": (0.6, 0.02), "double-chain": (0.5, 0.01), "moebius-chain": (0.4, 0.01)}
 LINKS = 9
 
 

@@ -95,6 +95,7 @@ def panels(
             if close:
                 near = [piece.points for piece in shot.pieces]
                 own = framed(*near, up=up, azimuth=azimuth, elevation=elevation)
+                size = (2 * round(0.5 * height * own.aspect), height)
             layers: list[Layer | Curves] = [*grounds]
             for one in shot.pieces:
                 layers += _layers(one, own)
