@@ -1,6 +1,6 @@
 """Ribbons: the scenes of Table I of Pan 2016, error against time, gradients, seconds a step.
 
-Every scene is one of `casashell ribbon NAME` or of a figure; a run is cut after 20 s of wall time.
+Every scene is one of `casashell ribbon NAME` or of a figure; a run is cut after 15 s of wall time.
 The paper's sizes are not known, so that its seconds are not repeated here.  Ratios, of processor time,
 are to the calibration kernel of `benchmarks.programs`, timed in the same run.
 """
@@ -25,7 +25,7 @@ from casashell.typing import FloatArray
 from formulations import ribbon_physics
 
 #: Seconds after which a run is cut.
-PATIENCE = 20.0
+PATIENCE = 15.0
 HEAD = (
     "| scene | segments | solver | step s | steps | s a step | most s | processor s | inner | outer "
     "| / kernel | |"
