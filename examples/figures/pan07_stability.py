@@ -3,8 +3,8 @@
 Torsion: the built-in scene, a strip 10 x 1, pulled and twisted at its end by one turn.
 Dragging: a loop 10 x 1 pulled apart at opposite points by forces of 500 D W / L^2.
 Checked: every step is made, whole; lengths stay to rounding; hard steps take at most ten times the
-iterations of the mean one; the twisted end follows its guide, a spring, to 5 degrees; the loop at rest has the
-curvature sqrt(F / (D W)) where it is pulled (closed form of a long loop), within 3 %.
+iterations of the mean one; the twisted end follows its guide, a spring, to 5 degrees; the loop at rest
+has the curvature sqrt(F / (D W)) where it is pulled (closed form of a long loop), within 3 %.
 """
 
 from dataclasses import dataclass, replace
@@ -83,7 +83,9 @@ def complaints(twist: Run, angle: float, loop: Run, curvature: float) -> list[st
 def draw(twist: Run, loop: Run, path: Path) -> None:
     turns, pulls = (0.25, 0.5, 1.0), (0, PULLING // 4, STEPS)
     frames = [*(round(4.0 * t / twist.sim.times[1]) for t in turns[:-1]), -1]
-    twists = [Shot(f"twisted by {t:g} of a turn", pieces(twist.sim, k)) for t, k in zip(turns, frames)]
+    twists = [
+        Shot(f"twisted by {t:g} of a turn", pieces(twist.sim, k)) for t, k in zip(turns, frames)
+    ]
     shown = [FORCE * min(k / PULLING, 1.0) for k in pulls]
     loops = [Shot(f"pulled by {f:.3g} N", pieces(loop.sim, k)) for f, k in zip(shown, pulls)]
     sides = [panels(shots, view=(25.0, 20.0), height=520) for shots in (twists, loops)]
