@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from casashell.inverse.forces import SHRINKS, bilateral_reactions, project_reactions
+from casashell.inverse.feasibility_proof import AREA_FACTOR
+from casashell.inverse.forces import (
+    SHRINKS,
+    bilateral_reactions,
+    is_obstruction,
+    project_reactions,
+)
 from casashell.inverse.load_path import rounding_of
 from casashell.inverse.outcome import Outcome
 from casashell.inverse.piece import Piece
@@ -14,6 +20,7 @@ from casashell.inverse.stability import NEUTRAL
 from casashell.problem import Problem
 from casashell.result import Certificate
 from casashell.status import Status
+from casashell.typing import FloatArray
 
 FREE_FORCE = 1e-6
 NEARBY = 1e-3
@@ -88,7 +95,7 @@ def explain(status: Status, problem: Problem, piece: Piece | None, outcome: Outc
         )
     where = _where(problem, piece)
     if outcome.rung in ("start", "nlp with slack"):
-        return where + _unsupported(piece, proved=status is Status.INFEASIBLE)
+        return where + _unsupported(piece, outcome.obstruction)
     return where + (_drowned(status, piece, outcome) or _unfinished(status, piece, outcome))
 
 
@@ -112,17 +119,25 @@ def _where(problem: Problem, piece: Piece) -> str:
     return f"In the part with vertex {int(piece.vertices[0])} ({len(piece.vertices)} vertices): "
 
 
-def _unsupported(piece: Piece, *, proved: bool) -> str:
+def _impossible(piece: Piece, motion: FloatArray) -> str:
+    """What a motion that proves infeasibility rules out, and no more."""
+    if is_obstruction(piece, motion):
+        return "No natural shape, stiffness or density can hold this target"
+    return (
+        f"No natural shape with areas within a factor of {AREA_FACTOR:g} of the target's, can "
+        "hold this target, whatever the stiffness"
+    )
+
+
+def _unsupported(piece: Piece, motion: FloatArray | None) -> str:
     if len(piece.held) == 0:
         return (
             "nothing holds this shell: no pinned vertex and no contact. Raise the contact tolerance, "
             "check unit and up axis, add an obstacle or pin vertices."
         )
-    start = (
-        "No natural shape, stiffness or density can hold this target"
-        if proved
-        else "No contact forces inside the friction cones balance the weight of this target"
-    )
+    start = "No contact forces inside the friction cones balance the weight of this target"
+    if motion is not None:
+        start = _impossible(piece, motion)
     if len(piece.contacts.vertices) == 0:
         return (
             "No natural shape was found that the pins alone hold in this pose: raise bend and stretch, "
@@ -142,11 +157,10 @@ def _unsupported(piece: Piece, *, proved: bool) -> str:
 
 
 def _unfinished(status: Status, piece: Piece, outcome: Outcome) -> str:
-    if status is Status.INFEASIBLE:
+    if status is Status.INFEASIBLE and outcome.obstruction is not None:
         return (
-            "No natural shape, stiffness or density can hold this target: it turns about what holds "
-            "it, and all of its weight pushes the same way: pin more vertices or let more vertices "
-            "touch (tolerance)."
+            f"{_impossible(piece, outcome.obstruction)}: it moves along what holds it, and the weight "
+            "pushes that way: pin more vertices or let more vertices touch (tolerance)."
         )
     if status is Status.UNSTABLE:
         if abs(outcome.eigenvalue) <= NEUTRAL:
