@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,6 @@ from casashell.app.ribbon_measures import strip_of, total_energy, vertices_at
 from casashell.app.ribbon_setup import RibbonSetup
 from casashell.app.simulate_output import owned_paths as owned_formats
 from casashell.io.animation import Animation, Track
-from casashell.io.staging import staged_file
 from casashell.io.tessellate import Region, tessellate
 from casashell.ribbon.record import RibbonSimulation, RunStatus
 
@@ -24,19 +21,6 @@ def owned_paths(folder: Path) -> list[Path]:
     """Everything in ``folder`` that an older run has written."""
     record = folder / RECORD
     return [*owned_formats(folder), *([record] if record.exists() else [])]
-
-
-def write_frames(simulation: RibbonSimulation, folder: Path) -> None:
-    """frames.npz, complete or not at all."""
-    with staged_file(folder / FRAMES, overwrite=True) as temporary:
-        simulation.save(temporary)
-
-
-def write_record(record: Mapping[str, Any], folder: Path) -> None:
-    """ribbon.json."""
-    text = json.dumps(record, indent=1, allow_nan=False)
-    with staged_file(folder / RECORD, overwrite=True) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def animation_of(setup: RibbonSetup, simulation: RibbonSimulation) -> Animation:

@@ -22,7 +22,12 @@ from casashell.app.failures import (
 from casashell.app.ribbon_display import RibbonReporter
 from casashell.app.ribbon_measures import record_of, settings_of
 from casashell.app.ribbon_setup import RibbonSetup
-from casashell.app.simulate_output import wanted_formats, write_format
+from casashell.app.simulate_output import (
+    wanted_formats,
+    write_format,
+    write_frames,
+    write_record,
+)
 from casashell.io.staging import check_folder
 from casashell.ribbon.dynamics import simulate
 from casashell.ribbon.record import Progress, RibbonSimulation, RunStatus
@@ -68,8 +73,8 @@ def run_ribbon(options: RibbonOptions) -> int:
     simulation = _simulated(setup, out, options, reporter)
     record = record_of(setup, simulation, time.perf_counter() - begin)
     with writing_files():
-        output.write_frames(simulation, out)
-        output.write_record(record, out)
+        write_frames(simulation, out)
+        write_record(record, out / output.RECORD)
         reporter.ended(record)
         names = [output.FRAMES, output.RECORD]
         names += _written(setup, simulation, out, formats, reporter)

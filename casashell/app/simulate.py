@@ -164,7 +164,7 @@ def _store(
 ) -> list[str]:
     """Frames and record, then how it went: nothing is lost by what comes after."""
     output.write_frames(simulation, out)
-    output.write_record(record, out)
+    output.write_record(record, out / output.RECORD)
     reporter.outcome(record)
     return [output.FRAMES, output.RECORD]
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from casashell.io.animation_files import Progress
 from casashell.io.staging import staged_file
 from casashell.io.tessellate import Region, tessellate
 from casashell.typing import FloatArray
+
+if TYPE_CHECKING:
+    from casashell.ribbon.record import RibbonSimulation
 
 FRAMES, RECORD, PLAYER, PICTURE = "frames.npz", "simulation.json", "player.html", "first-last.png"
 #: What a format is written to, and the modules it needs.
@@ -182,16 +185,16 @@ def _body(
     return Track.still(label, surface.vertices, surface.faces, len(times))
 
 
-def write_frames(simulation: Simulation, folder: Path) -> None:
-    """frames.npz, complete or not at all."""
+def write_frames(simulation: Simulation | RibbonSimulation, folder: Path) -> None:
+    """frames.npz of shells or ribbons, complete or not at all."""
     with staged_file(folder / FRAMES, overwrite=True) as temporary:
         simulation.save(temporary)
 
 
-def write_record(record: Mapping[str, Any], folder: Path) -> None:
-    """simulation.json."""
+def write_record(record: Mapping[str, Any], path: Path) -> None:
+    """A record as JSON, complete or not at all."""
     text = json.dumps(record, indent=1, allow_nan=False)
-    with staged_file(folder / RECORD, overwrite=True) as temporary:
+    with staged_file(path, overwrite=True) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
