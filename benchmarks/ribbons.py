@@ -1,4 +1,4 @@
-"""Ribbons: the scenes of Table I of Pan 2016, error against time, gradients, seconds a step.
+"""Ribbons: Table I of Pan 2016, error against time, gradients, seconds a step, Moebius bands.
 
 Every scene is one of `casashell ribbon NAME` or of a figure; a run is cut after 15 s of wall time.
 The paper's sizes are not known, so that its seconds are not repeated here.  Ratios, of processor time,
@@ -17,6 +17,7 @@ from benchmarks import ribbon_fem as fem
 from benchmarks.programs import calibration
 from benchmarks.ribbons_accuracy import accuracy
 from benchmarks.ribbons_gradients import gradients
+from benchmarks.ribbons_moebius import moebius
 from benchmarks.timing import Goal
 from casashell.app.ribbon_scenes import builtin_setup
 from casashell.app.ribbon_shapes import waved, wound
@@ -182,4 +183,5 @@ def run() -> tuple[list[Goal], str]:
     lines = [f"Calibration kernel: {1e3 * kernel:.1f} ms.", "", "## Table I", "", *lines]
     lines += ["", "## Error against time: heavy cantilever", "", *accuracy(kernel)]
     lines += ["", "## Gradient", "", *cost]
+    lines += ["", "## Moebius bands over their width", "", *moebius()]
     return [*goals, *more], "\n".join(lines)
