@@ -1,10 +1,10 @@
 """Moebius bands from narrow to nearly as wide as they can be, against Starostin and van der Heijden 2007.
 
-Length 2 pi, half-width w, Wunderlich's energy.  Their supplement gives U = 5.93 at w = pi / 30 and says that
-U diverges at w = pi / sqrt 3.  It writes U = V / (D w), by which a circle would have 2 pi: the number fits
-with a further 1 / pi, so that a circle has 2; this factor is inferred.  Of the rest the supplement has figures
-only, whose axes are what can be compared: twist within 0.22 .. 0.34 turns, U up to 30; curvature up to 5 and
-torsion within -3 .. 4 for the bands up to w = 1.5.
+Length 2 pi, half-width w, Wunderlich's energy.  Their supplement gives U = 5.93 at w = pi / 30 and says
+that U diverges at w = pi / sqrt 3.  It writes U = V / (D w), by which a circle would have 2 pi; the number
+fits with a further 1 / pi, so that a circle has 2.  This factor is inferred.  Of the rest the supplement
+has figures only, whose axes are what can be compared: twist within 0.22 .. 0.34 turns, U up to 30;
+curvature up to 5 and torsion within -3 .. 4 for the bands up to w = 1.5.
 
 ``python -m benchmarks.ribbons_moebius`` draws docs/figures/moebius_widths.jpg.
 """
