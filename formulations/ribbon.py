@@ -22,6 +22,7 @@ def ribbon_physics() -> RibbonPhysics:
         crease=ribbon_closing.crease(),
         held=ribbon_closing.held(),
         junction=ribbon_closing.junction(),
+        ruling=ribbon_closing.ruling(),
         link=ruling_bending.link(),
         rigid_begin=ruling_bending.rigid_begin(),
         linear_piece=ribbon_inertia.linear_piece(),

@@ -6,6 +6,7 @@ and last quad, R = F_0^T F_N and the mid points m of the end rulings (``held``: 
     smooth, held  y . (m_N - m_0, R_21, R_31, R_32)   the quads at the junction are in one plane
     crease        y . (m_N - m_0, R_12, R_32)         the end rulings meet, the strip may bend there
     junction      D W / (2 h) (beta - betabar)^2      bending across that crease
+    ruling        y (c - cbar)                        one ruling does not turn, x = (coordinates)
 
 Independent conditions: b_N = b_0, t_N = t_0 are six of which one repeats the width.  They hold for
 R_33 > 0 (a loop) and R_33 < 0 (a Moebius band) alike; a solution near one stays there.
@@ -71,3 +72,10 @@ def junction() -> ca.Function:
     return ca.Function(
         "ribbon_junction", [x, r, p], [p[0] * p[1] / (2 * p[2]) * (beta - p[3]) ** 2]
     )
+
+
+@cache
+def ruling() -> ca.Function:
+    """x = (coordinates), p = (multiplier, cbar)."""
+    x, r, p = ca.SX.sym("x", 3, 1), ca.SX.sym("r", 3, 1), ca.SX.sym("p", 2)
+    return ca.Function("ribbon_ruling", [x, r, p], [p[0] * (x[0, 0] - p[1])])

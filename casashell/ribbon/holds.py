@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casashell.ribbon.chain import BOTTOM, NORMAL, TOP, reconstruct
+from casashell.ribbon.chain import BOTTOM, COORDINATES, NORMAL, TOP, reconstruct
 from casashell.ribbon.conditions import Condition
-from casashell.ribbon.forces import ends, material, quads, vector
+from casashell.ribbon.forces import ends, quads, vector
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.ribbon import Ribbon, RibbonState
-from casashell.typing import ArrayLike, FloatArray
+from casashell.typing import ArrayLike
 
 #: Part of the ribbon's length by which two attachments may disagree.
 TOLERANCE = 1e-9
@@ -46,12 +46,18 @@ class HeldEnd:
 
 
 def attached(
-    ribbon: Ribbon, physics: RibbonPhysics, attachment: Attachment, slopes: FloatArray | None = None
+    ribbon: Ribbon, physics: RibbonPhysics, attachment: Attachment, quad: int
 ) -> Condition:
-    """The condition, on the quad that holds the point when the rulings have ``slopes`` (N+1,)."""
-    quad, place = material(ribbon, attachment.s, attachment.y, slopes)
+    """The condition on a quad, as from `taut.held_points`."""
+    size = ribbon.segment
+    place = [attachment.s, attachment.y, quad * size, size, ribbon.width]
     data = np.concatenate([np.asarray(attachment.place), place])
     return Condition(physics.attachment, quads(ribbon.segments)[quad], data)
+
+
+def still(physics: RibbonPhysics, station: int, slope: float) -> Condition:
+    """The ruling of a station keeps its slope."""
+    return Condition(physics.ruling, np.array([4 * station + COORDINATES]), np.array([slope]))
 
 
 def held(ribbon: Ribbon, physics: RibbonPhysics, end: HeldEnd) -> Condition:

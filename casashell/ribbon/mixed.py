@@ -258,6 +258,9 @@ class _Mixed:
         fixed[: n + 1, COORDINATES, 1] = ~space.ribbon.bends
         fixed[[0, n], COORDINATES, 0] = True
         fixed[n + 1 :, COORDINATES] = True
+        for limit in self.potential.limits:
+            lower[limit.station, COORDINATES, 0] = limit.lower
+            upper[limit.station, COORDINATES, 0] = limit.upper
         if not space.floating:
             fixed[first, [BOTTOM, TOP, NORMAL]] = True
         values = x.reshape(lower.shape)
@@ -307,8 +310,9 @@ def _measured(
     held = sum(f.size for f in program.families)
     equality = np.zeros(len(kept))
     equality[kept] = found.multipliers[held - np.count_nonzero(kept) : held]
-    last = found.multipliers[-1]
-    inequality = np.array([max(0.0, -last), max(0.0, last)])
+    slopes = found.bound_multipliers.reshape(-1, 4, 3)[:, COORDINATES, 0]
+    forces = [found.multipliers[-1]] + [-slopes[limit.station] for limit in potential.limits]
+    inequality = np.maximum(0.0, [side for force in forces for side in (-force, force)])
     value, gradient = chain.objective(z)
     gradient = gradient + chain.equalities(z)[1].T @ equality + chain.rows().T @ inequality
     stop, violation = STOPS.get(found.status, Stop.FAILED), chain.violation(z)

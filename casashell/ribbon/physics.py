@@ -26,6 +26,7 @@ class RibbonPhysics:
     crease      (b, t, n, b, t, n)        multipliers (5), L: closes it with a crease
     held        (b, t, n)                 multipliers (6), middle (3), frame (9), L: end in place
     junction    (b, t, n, b, t, n)        D, W, h, natural angle, 1 for a loop or -1 for Moebius
+    ruling      (c)                       multiplier, slope: a ruling that does not turn
     link        (c, b, t, n, c, b, t, n)  multipliers (9), l, W, unit: one quad of the map
     rigid_begin (b, t, n)                 multipliers (3), W: the first ruling is rigid
     linear_piece, hermite_piece           knots (4,), values (3,4) -> coefficients (3,4)
@@ -44,6 +45,7 @@ class RibbonPhysics:
     crease: ca.Function
     held: ca.Function
     junction: ca.Function
+    ruling: ca.Function
     link: ca.Function
     rigid_begin: ca.Function
     linear_piece: ca.Function

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from casashell.ribbon.conditions import Condition, Far, table_rows
 from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.program import Program
+from casashell.ribbon.taut import Limit
 from casashell.ribbon.terms import Term, Terms
 from casashell.typing import FloatArray
 
@@ -20,6 +22,7 @@ class Potential:
     terms       of neighbouring stations
     far         of one stencil each, whose stations may be anywhere
     conditions  C = 0
+    limits      of single slopes, beside those that keep rulings from crossing
     """
 
     coordinates: Coordinates
@@ -27,6 +30,24 @@ class Potential:
     unit: float
     far: tuple[Term, ...] = ()
     conditions: tuple[Condition, ...] = ()
+    limits: tuple[Limit, ...] = ()
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """A of all linear conditions A z <= ``bound``."""
+        space = self.coordinates
+        if not self.limits:
+            return space.matrix
+        full = np.zeros((2 * len(self.limits), 6 + 2 * (space.ribbon.segments + 1)))
+        for k, limit in enumerate(self.limits):
+            full[2 * k : 2 * k + 2, 6 + 2 * limit.station] = 1.0, -1.0
+        return np.concatenate([space.matrix, space.rows(full)])
+
+    @cached_property
+    def bound(self) -> FloatArray:
+        """b of these."""
+        more = [side for limit in self.limits for side in (limit.upper, -limit.lower)]
+        return np.append(self.coordinates.bound, more)
 
     def energy(self, z: FloatArray) -> float:
         """Sum of all terms [J]."""
@@ -88,8 +109,8 @@ class Potential:
             objective=self.objective,
             hessian=self.hessian if second else None,
             equalities=self.equalities,
-            matrix=space.matrix,
-            bound=space.bound,
+            matrix=self.matrix,
+            bound=self.bound,
         )
 
     def with_terms(self, *more: Term) -> Potential:

@@ -59,7 +59,8 @@ def stability(potential: Potential, state: RibbonState, multipliers: FloatArray)
     space = potential.coordinates
     z = space.pack(state)
     hessian = potential.hessian(z, multipliers)
-    held = [potential.equalities(z)[1], space.matrix[space.bound - space.matrix @ z < ACTIVE]]
+    matrix, bound = potential.matrix, potential.bound
+    held = [potential.equalities(z)[1], matrix[bound - matrix @ z < ACTIVE]]
     stuck = np.minimum(z - space.lower, space.upper - z) < ACTIVE
     held.append(np.eye(len(z))[stuck])
     rows = np.concatenate(held)

@@ -22,6 +22,7 @@ from casashell.ribbon.potential import Potential
 from casashell.ribbon.program import Outcome, Stop
 from casashell.ribbon.ribbon import Ribbon, RibbonState, flat
 from casashell.ribbon.stability import Stability, stability
+from casashell.ribbon.taut import held_points
 from casashell.ribbon.terms import Term, Terms
 from casashell.typing import ArrayLike, FloatArray
 
@@ -76,7 +77,11 @@ class Setting:
         terms += [forces.load(ribbon, physics, point, slopes) for point in self.loads]
         if np.any(forces.vector("gravity", self.gravity)):
             terms.append(forces.gravity(ribbon, physics, self.gravity))
-        conditions = [holds.attached(ribbon, physics, a, slopes) for a in self.attachments]
+        kept = held_points(ribbon, self.attachments, slopes)
+        conditions = [
+            holds.attached(ribbon, physics, a, quad)
+            for a, quad in zip(self.attachments, kept.quads)
+        ]
         far: tuple[Term, ...] = ()
         if ribbon.closed:
             joint = self.joint(ribbon)
@@ -84,6 +89,7 @@ class Setting:
             far = (forces.junction(ribbon, physics),) if joint == "crease" else ()
         elif self.end is not None:
             conditions.append(holds.held(ribbon, physics, self.end))
+        conditions += [holds.still(physics, *ruling) for ruling in kept.rulings]
         space = Coordinates(ribbon, base, floating=ribbon.ends == "free", increments=increments)
         return Potential(
             space,
@@ -91,6 +97,7 @@ class Setting:
             ribbon.energy_unit,
             far,
             tuple(conditions),
+            kept.limits,
         )
 
 
@@ -241,12 +248,11 @@ def _minimum(
 
 def _same_quads(ribbon: Ribbon, setting: Setting, slopes: FloatArray, state: RibbonState) -> bool:
     """True when loaded and attached points lie in the quads they were taken to lie in."""
-    places = [(point.s, point.y) for point in setting.loads]
-    places += [(point.s, point.y) for point in setting.attachments]
-    now = state.all_slopes
-    return all(
-        forces.material(ribbon, s, y, slopes)[0] == forces.material(ribbon, s, y, now)[0]
-        for s, y in places
+    now, points = state.all_slopes, setting.attachments
+    held = held_points(ribbon, points, slopes).quads == held_points(ribbon, points, now).quads
+    return held and all(
+        forces.material(ribbon, p.s, p.y, slopes)[0] == forces.material(ribbon, p.s, p.y, now)[0]
+        for p in setting.loads
     )
 
 

@@ -223,8 +223,10 @@ def solve(program: Program, rule: Rule, warm: Multipliers | None = None) -> Outc
             iterations=rule.most,
         )
     schedule = Schedule(feasibility=rule.feasibility, gradient=rule.gradient, inner=rule.most)
-    if warm is not None and len(warm.equality) != len(program.equalities(program.start)[0]):
-        warm = None
+    if warm is not None:
+        counts = len(warm.equality), len(warm.inequality)
+        if counts != (len(program.equalities(program.start)[0]), len(program.bound)):
+            warm = None
     return augmented(program, schedule, warm)
 
 
@@ -263,7 +265,7 @@ def _best_start(potential: Potential, starts: Sequence[FloatArray]) -> FloatArra
     best, least = starts[0], np.inf
     for number, z in enumerate(starts):
         inside = np.all(z >= space.lower) and np.all(z <= space.upper)
-        if number and not (inside and np.all(space.matrix @ z <= space.bound)):
+        if number and not (inside and np.all(potential.matrix @ z <= potential.bound)):
             continue
         value = potential.objective(z)[0]
         if value < least:

@@ -113,6 +113,8 @@ def test_derivatives_of_everything_at_once(increments: bool) -> None:
     plain = setting.potential(ribbon, PHYSICS, base, slopes=state.all_slopes)
     guided = forces.guiding(ribbon, PHYSICS, [2, 4], (0, 0, 1), 0.7)
     ends = forces.ends(n)
+    held = Attachment(0.5, 0.03, (0, 0, 0))
+    quad, _ = forces.material(ribbon, 0.5, 0.03, state.all_slopes)
     potential = Potential(
         space,
         plain.terms.with_terms([guided]),
@@ -120,7 +122,7 @@ def test_derivatives_of_everything_at_once(increments: bool) -> None:
         far=(Term(PHYSICS.junction, ends, np.array([[1, 0.2, 0.05, 0.1, 1.0]])),),
         conditions=(
             Condition(PHYSICS.smooth, ends[0], np.array([1.3])),
-            attached(ribbon, PHYSICS, Attachment(0.5, 0.03, (0, 0, 0)), state.all_slopes),
+            attached(ribbon, PHYSICS, held, quad),
         ),
     )
     z, y = space.pack(state), random.normal(size=9)
