@@ -13,14 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casashell.dynamics.patch import Patch
 from casashell.dynamics.system import System
-from casashell.dynamics.touch import NaturalMap, Touches
-from casashell.engine.sparse_solver import SparseSolver, Symmetry, make_solver
-from casashell.typing import BoolArray, FloatArray, IntArray
+from casashell.dynamics.touch import SLIDE, STICK, NaturalMap, Touches
+from casashell.engine.sparse_solver import SingularMatrix, SparseSolver, Symmetry, make_solver
+from casashell.typing import FloatArray, IntArray
 
 #: Weight of the proximal term on the force of a second touch.
 _PROXIMAL = 1e-6
-_KINDS: dict[bool, Symmetry] = {True: "symmetric", False: "general"}
+#: Matrices of every run.
+_USUAL: tuple[Symmetry, ...] = ("symmetric", "unpivoted")
+#: Vertices whose rows may differ from what was factored, and of which at a time they may be new.
+_CHANGED, _NEW = 60, 40
+#: Residual of a solution without pivoting, in parts of the right side, that calls for pivoting.
+_POOR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +62,10 @@ class LinearStep:
     def __init__(self, system: System) -> None:
         self.system = system
         self.factorizations = 0
-        self._solvers: dict[bool, SparseSolver] = {}
+        self._solvers: dict[Symmetry, SparseSolver] = {}
         self._factored: _Factored | None = None
+        self._base: _Factored | None = None  # whose factor the solver has
+        self._patch: Patch | None = None  # of that factor
 
     def prepare(self, entries: FloatArray) -> None:
         """Analyse with the entries of A at the start of the run, as every run of it does.
@@ -65,18 +73,18 @@ class LinearStep:
         What an analysis makes of the values decides rounding later: a run that is taken up again
         must begin as the first one did.
         """
-        for symmetric in (True, False):
-            self._solver(symmetric).factor(self._pinned(entries.copy(), entries))
+        for kind in _USUAL:
+            self._solver(kind).factor(self._pinned(entries.copy(), entries))
 
-    def _solver(self, symmetric: bool) -> SparseSolver:
-        if symmetric not in self._solvers:
-            pattern, kind = self.system.pattern, _KINDS[symmetric]
-            self._solvers[symmetric] = make_solver(pattern.indptr, pattern.indices, kind)
-        return self._solvers[symmetric]
+    def _solver(self, kind: Symmetry) -> SparseSolver:
+        if kind not in self._solvers:
+            pattern = self.system.pattern
+            self._solvers[kind] = make_solver(pattern.indptr, pattern.indices, kind)
+        return self._solvers[kind]
 
     def forget(self) -> None:
         """The factor kept is of no use any more."""
-        self._factored = None
+        self._factored = self._base = self._patch = None
 
     def fits(self, touches: Touches, law: NaturalMap, h: float) -> bool:
         """Whether the factor kept belongs to the same touches in the same states, and step."""
@@ -89,13 +97,48 @@ class LinearStep:
 
     def factor(self, entries: FloatArray, touches: Touches, law: NaturalMap, h: float) -> None:
         """Factor the matrix of A's ``entries`` under these touches; raises SingularMatrix."""
-        self._factored = None
-        symmetric = law.symmetric and bool(touches.first.all())
-        made = _Factored(self.system, entries, touches, law, h, symmetric)
-        data = self._pinned(made.matrix(), entries)
-        self._solver(symmetric).factor(data)
-        self.factorizations += 1
+        self.forget()
+        rubs = bool((touches.friction > 0.0).any()) or not touches.first.all()
+        kind: Symmetry = "unpivoted" if rubs else "symmetric"
+        made = _Factored(self.system, entries, touches, law, h, kind)
+        made.data = self._pinned(made.matrix(), entries)
+        self._factor(made)
+
+    def adapt(self, touches: Touches, law: NaturalMap) -> bool:
+        """Take other branches of the law with the A that was factored; False when too many changed."""
+        base = self._base
+        if base is None or base.kind == "symmetric":
+            return False
+        made = _Factored(self.system, base.entries, touches, law, base.h, base.kind)
+        force, motion = made.by_force - base.by_force, made.by_motion - base.by_motion
+        changed = np.flatnonzero((force != 0.0).any(axis=(1, 2)) | (motion != 0.0).any(axis=(1, 2)))
+        if len(changed) > _CHANGED:
+            return False
+        if self._patch is None:
+            matrix = self.system.pattern.matrix(base.entries)
+            self._patch = Patch(matrix, self._solver(base.kind).solve)
+        if len(self._patch.missing(changed)) > _NEW:
+            return False
+        self._patch.change(changed, force[changed], motion[changed])
         self._factored = made
+        return True
+
+    def _factor(self, made: _Factored) -> None:
+        try:
+            self._solver(made.kind).factor(made.data)
+        except SingularMatrix:
+            if made.kind != "unpivoted":
+                raise
+            self._pivot(made)
+        self.factorizations += 1
+        self._factored = self._base = made
+
+    def _pivot(self, made: _Factored) -> None:
+        """Factor once more, now with pivots from anywhere; analysed anew, see `prepare`."""
+        self._solvers.pop("general", None)
+        self._solver("general").factor(made.data)
+        self.factorizations += 1
+        made.kind = "general"
 
     def _pinned(self, data: FloatArray, entries: FloatArray) -> FloatArray:
         """``data`` with rows and columns of pinned vertices those of the identity."""
@@ -110,34 +153,55 @@ class LinearStep:
 
     def factor_shell(self, entries: FloatArray) -> int | None:
         """Factor A alone, without contact; its negative eigenvalues where the solver counts them."""
-        self._factored = None
-        self._solver(True).factor(self._pinned(entries.copy(), entries))
+        self.forget()
+        self._solver("symmetric").factor(self._pinned(entries.copy(), entries))
         self.factorizations += 1
-        return self._solver(True).negative_eigenvalues
+        return self._solver("symmetric").negative_eigenvalues
 
     def push_shell(self, loads: FloatArray) -> FloatArray:
         """Displacements (3V,m) of the shell of `factor_shell` under ``loads`` (3V,m)."""
         loads = loads.copy()
         loads[np.repeat(~self.system.free, 3)] = 0.0
-        return self._solver(True).solve(loads)
-
-    @property
-    def negative_eigenvalues(self) -> int | None:
-        """Of the last symmetric factor; None for the others."""
-        if self._factored is None or not self._factored.symmetric:
-            return None
-        return self._solver(True).negative_eigenvalues
+        return self._solver("symmetric").solve(loads)
 
     def solve(self, at: Balance) -> Move:
         """Newton's correction at these residuals, by the factor kept."""
-        made = self._factored
-        if made is None:
+        d = self.solve_motion(at)
+        return Move(d, self._kept().forces(at, d))
+
+    def solve_motion(self, at: Balance) -> FloatArray:
+        """The displacements (V,3) [m] of Newton's correction alone."""
+        made = self._kept()
+        rhs, known = made.right_side(at)
+        flat = rhs.ravel()
+        if made is not self._base and self._patch is not None:
+            d = self._patch.solve(flat)
+        else:
+            d = self._solve_exactly(made, flat)
+        return np.asarray(d.reshape(-1, 3) + known if known is not None else d.reshape(-1, 3))
+
+    def _solve_exactly(self, made: _Factored, flat: FloatArray) -> FloatArray:
+        d = self._solver(made.kind).solve(flat)
+        if made.kind == "unpivoted":
+            off = np.abs(self.system.pattern.matrix(made.data) @ d - flat).max()
+            if not off <= _POOR * np.abs(flat).max():
+                self._pivot(made)
+                d = self._solver(made.kind).solve(flat)
+        return d
+
+    def _kept(self) -> _Factored:
+        if self._factored is None:
             raise RuntimeError("LinearStep.factor comes before solve")
-        return made.back(at, self._solver(made.symmetric))
+        return self._factored
 
 
 class _Factored:
-    """What a factor was made of."""
+    """What a factor was made of.
+
+    kind  how it was factored;  data: the entries that were
+    """
+
+    data: FloatArray
 
     def __init__(
         self,
@@ -146,21 +210,22 @@ class _Factored:
         touches: Touches,
         law: NaturalMap,
         h: float,
-        symmetric: bool,
+        kind: Symmetry,
     ) -> None:
         self.system, self.entries, self.touches = system, entries, touches
-        self.law, self.h, self.symmetric = law, h, symmetric
+        self.law, self.h, self.kind = law, h, kind
         self.first: IntArray = np.flatnonzero(touches.first)
         self.other: IntArray = np.flatnonzero(~touches.first)
         loose = law.by_force[self.other] + _PROXIMAL * np.eye(3)
         self.inverse: FloatArray = np.asarray(np.linalg.inv(loose), dtype=np.float64)
         count = len(system.rest)
-        self.held: BoolArray = np.zeros(count, dtype=bool)
-        self.held[touches.vertex] = True
         self.by_force = np.tile(np.eye(3), (count, 1, 1))
         self.by_force[touches.vertex[self.first]] = law.by_force[self.first]
         self.by_motion = np.zeros((count, 3, 3))
         self.by_motion[touches.vertex[self.first]] = law.by_motion[self.first]
+        state = np.zeros(count, dtype=np.int64)
+        state[touches.vertex[self.first]] = law.state[self.first]
+        self.stuck, self.slides = state == STICK, state == SLIDE
         if len(self.other):
             vertex = touches.vertex[self.other]
             soft = self.by_force[vertex] @ self.inverse @ law.by_motion[self.other]
@@ -169,63 +234,69 @@ class _Factored:
     def matrix(self) -> FloatArray:
         """Entries of the eliminated matrix."""
         data = self.entries.copy()
-        if not self.held.any():
-            return data
         blocks = self.system.blocks
-        rows = self.held[blocks.row]
-        if self.symmetric:
-            rows = rows | self.held[blocks.column]
-        chosen = np.flatnonzero(rows)
-        place = blocks.place[chosen]
-        made = self.by_force[blocks.row[chosen]] @ data[place]
-        if self.symmetric:
-            made = made @ self.by_force[blocks.column[chosen]]
-        data[place] = made
+        gone, turned = self.stuck[blocks.row], self.slides[blocks.row]
+        if self.kind == "symmetric":
+            gone = gone | self.stuck[blocks.column]
+            turned = (turned | self.slides[blocks.column]) & ~gone
+        if gone.any():
+            data[blocks.place[gone]] = 0.0
+        if turned.any():
+            chosen = np.flatnonzero(turned)
+            place = blocks.place[chosen]
+            made = self.by_force[blocks.row[chosen]] @ data[place]
+            if self.kind == "symmetric":
+                made = made @ self.by_force[blocks.column[chosen]]
+            data[place] = made
         data[blocks.place[blocks.diagonal]] += self.by_motion
         return data
 
-    def back(self, at: Balance, solver: SparseSolver) -> Move:
-        """Correction at the residuals ``at``."""
-        touches, law = self.touches, at.law
-        free = self.system.free
+    def right_side(self, at: Balance) -> tuple[FloatArray, FloatArray | None]:
+        """Right side (V,3) [N] of the eliminated system, and what contact prescribes of d, if any.
+
+        In the symmetric case d = y + known with y = S y the solution of the system.
+        """
+        law, vertex = at.law, self.touches.vertex[self.first]
         rhs = -at.force
-        vertex = touches.vertex[self.first]
         if len(self.other):
             extra = np.einsum("cij,cj->ci", self.inverse, law.value[self.other])
-            np.subtract.at(rhs, touches.vertex[self.other], extra)
+            np.subtract.at(rhs, self.touches.vertex[self.other], extra)
         rhs[vertex] = np.einsum("cij,cj->ci", self.by_force[vertex], rhs[vertex])
-        if self.symmetric:
-            d = self._symmetric(rhs, vertex, law.value[self.first], solver)
+        known = None
+        if self.kind == "symmetric":
+            known = self._prescribed(rhs, vertex, law.value[self.first])
         else:
             rhs[vertex] -= law.value[self.first]
-            rhs[~free] = 0.0
-            d = solver.solve(rhs.ravel()).reshape(-1, 3)
-        f = np.zeros((len(touches), 3))
-        pulled = (self.system.pattern.matrix(self.entries) @ d.ravel()).reshape(-1, 3)
-        f[self.first] = pulled[vertex] + at.force[vertex]
-        if len(self.other):
-            ids = touches.vertex[self.other]
-            moved = np.einsum("cij,cj->ci", self.law.by_motion[self.other], d[ids])
-            step = -np.einsum("cij,cj->ci", self.inverse, law.value[self.other] + moved)
-            f[self.other] = step
-            total = np.zeros_like(d)
-            np.add.at(total, ids, step)
-            f[self.first] -= total[vertex]
-        return Move(d, f)
+        rhs[~self.system.free] = 0.0
+        return rhs, known
 
-    def _symmetric(
-        self, rhs: FloatArray, vertex: IntArray, phi: FloatArray, solver: SparseSolver
-    ) -> FloatArray:
-        """d = y + b with b the part that contact prescribes and y = S y the rest."""
+    def _prescribed(self, rhs: FloatArray, vertex: IntArray, phi: FloatArray) -> FloatArray | None:
+        """The displacements that contact prescribes (V,3) [m], if any; takes them from ``rhs``."""
         held, loose = self.law.by_motion[self.first], self.law.by_force[self.first]
         known = np.zeros_like(rhs)
         # Q + S is regular, and S leaves the prescribed part alone.
         known[vertex] = -np.linalg.solve(held + loose, phi[:, :, None])[:, :, 0]
         known[vertex] -= np.einsum("cij,cj->ci", loose, known[vertex])
         rhs[vertex] -= np.einsum("cij,cj->ci", loose, phi)
-        if known.any():
-            push = (self.system.pattern.matrix(self.entries) @ known.ravel()).reshape(-1, 3)
-            push[vertex] = np.einsum("cij,cj->ci", self.by_force[vertex], push[vertex])
-            rhs -= push
-        rhs[~self.system.free] = 0.0
-        return np.asarray(solver.solve(rhs.ravel()).reshape(-1, 3) + known)
+        if not known.any():
+            return None
+        push = (self.system.pattern.matrix(self.entries) @ known.ravel()).reshape(-1, 3)
+        push[vertex] = np.einsum("cij,cj->ci", self.by_force[vertex], push[vertex])
+        rhs -= push
+        return known
+
+    def forces(self, at: Balance, d: FloatArray) -> FloatArray:
+        """Change of the forces (C,3) [N] that goes with the correction d (V,3) [m]."""
+        touches, vertex = self.touches, self.touches.vertex[self.first]
+        f = np.zeros((len(touches), 3))
+        pulled = (self.system.pattern.matrix(self.entries) @ d.ravel()).reshape(-1, 3)
+        f[self.first] = pulled[vertex] + at.force[vertex]
+        if len(self.other):
+            ids = touches.vertex[self.other]
+            moved = np.einsum("cij,cj->ci", self.law.by_motion[self.other], d[ids])
+            step = -np.einsum("cij,cj->ci", self.inverse, at.law.value[self.other] + moved)
+            f[self.other] = step
+            total = np.zeros_like(d)
+            np.add.at(total, ids, step)
+            f[self.first] -= total[vertex]
+        return f

@@ -31,6 +31,8 @@ _SMALL = 1e-6
 #: A factor is kept while corrections shrink by this factor.
 _KEEP = 0.2
 _SHORTEST, _LEAST = 1.0 / 1024.0, 1.0 / 64.0
+#: Share of the residual that the shell may have where only contact is linearised anew.
+_STRAIGHT = 0.1
 #: No vertex moves farther in an iteration than so many mean edge lengths.
 _FARTHEST = 1.0
 #: Share of the promised decrease of energy that a move must bring.
@@ -47,6 +49,7 @@ class Solved:
 
     residual  largest of balance and natural map [N];  converged: it is below the goal
     tangled   contact, not the shape of the shell, kept it from converging
+    balanced  the shell is all but in balance: what is left of the residual is contact's
     """
 
     d: FloatArray
@@ -55,6 +58,7 @@ class Solved:
     iterations: int
     converged: bool
     tangled: bool = False
+    balanced: bool = False
 
 
 class StepSolver:
@@ -124,10 +128,14 @@ class StepSolver:
         for count in range(1, BUDGET + 1):
             if move is None:
                 tried = watch.jammed(at)
-                move, at = self._fresh(touches, d, f, h, energy, tried)
+                move = self._adapted(touches, at) if tried is None and count > 1 else None
+                if move is None:
+                    move, at = self._fresh(touches, d, f, h, energy, tried)
             size, before = _length(move.d), at.size
-            cut = self.advance if energy else self._damped
-            share, d, f, at = cut(touches, d, f, move)
+            if energy:
+                share, d, f, at = self.advance(touches, d, f, move)
+            else:
+                share, d, f, at = self._damped(touches, d, f, move)
             self.iterations += 1
             if not np.isfinite(at.size):
                 break
@@ -145,7 +153,16 @@ class StepSolver:
                     break  # no correction is left to make
                 move = move if shrink <= _KEEP else None
         small = best.residual <= max(self.goal, _SMALL * self.weight)
-        return Solved(best.d, best.f, best.residual, count, small, watch.whole > watch.waited // 2)
+        balanced = self._at(touches, best.d, best.f).force_size <= _STRAIGHT * best.residual
+        tangled = watch.whole > watch.waited // 2
+        return Solved(best.d, best.f, best.residual, count, small, tangled, balanced)
+
+    def _adapted(self, touches: Touches, at: Balance) -> Move | None:
+        """Correction by the factor kept with changed branches, where contact is what is off."""
+        if at.force_size > _STRAIGHT * at.size or not self.linear.adapt(touches, at.law):
+            return None
+        move = self.linear.solve(at)
+        return move if np.isfinite(move.d).all() else None
 
     def _fresh(
         self,
@@ -181,7 +198,7 @@ class StepSolver:
             at = self._at(touches, reached, pushed)
             if at.size <= self.goal or share <= _LEAST:
                 break
-            if np.isfinite(at.size) and _length(self.linear.solve(at).d) <= size:
+            if np.isfinite(at.size) and _length(self.linear.solve_motion(at)) <= size:
                 break
             share *= 0.5
         return share, reached, pushed, at

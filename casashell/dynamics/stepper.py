@@ -123,7 +123,7 @@ class Stepper:
         settled = touches.carried - touches.gap[:, None] * touches.normal
         d[touches.vertex[stuck]] = settled[stuck]
         solved = self.solver.solve(touches, d, f, h)
-        if not solved.converged:
+        if not solved.converged and not solved.balanced:
             solved = self.solver.solve(touches, d, f, h, energy=True)
         if not solved.converged and (solved.tangled or len(touches) <= _FEW):
             self.rescued += 1

@@ -17,6 +17,7 @@ Nothing is smoothed: sticking is delta_T = 0 exactly.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -77,14 +78,53 @@ class Touches:
 class NaturalMap:
     """Phi (C,3) [N] at (f, d), and P, Q (C,3,3) with dPhi = P df + Q dd; state: the branch (C,).
 
-    symmetric  whether every P is an orthogonal projector: nothing slides, or not against friction
+    along, shrink  (C,3) direction of z, and mu p over its length where a touch slides, else 0
+    P and Q are made when they are first asked for: most moves that are tried need the value alone.
     """
 
+    touches: Touches
     value: FloatArray
-    by_force: FloatArray
-    by_motion: FloatArray
     state: IntArray
-    symmetric: bool
+    along: FloatArray
+    shrink: FloatArray
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether every P is an orthogonal projector: nothing slides, or not against friction."""
+        return not ((self.state == SLIDE) & (self.touches.friction > 0.0)).any()
+
+    @cached_property
+    def by_force(self) -> FloatArray:
+        """P (C,3,3)."""
+        made = np.zeros((len(self.touches), 3, 3))
+        made[self.state == OPEN] = np.eye(3)
+        slides = np.flatnonzero(self.state == SLIDE)
+        plane, mixed, turn = self._parts(slides)
+        made[slides] = plane - turn - mixed
+        return made
+
+    @cached_property
+    def by_motion(self) -> FloatArray:
+        """Q (C,3,3) [N/m]."""
+        touches = self.touches
+        made = np.zeros((len(touches), 3, 3))
+        rho_n, rho_t = touches.normal_stiffness, touches.tangent_stiffness
+        for state in (STICK, SLIDE):
+            ids = np.flatnonzero(self.state == state)
+            plane, mixed, turn = self._parts(ids)
+            pressed = np.eye(3) - plane
+            if state == SLIDE:
+                plane, pressed = turn, pressed + mixed
+            made[ids] = rho_n[ids, None, None] * pressed + rho_t[ids, None, None] * plane
+        return made
+
+    def _parts(self, ids: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Projector on the plane of the touch, mu t n^T, and shrink (plane - t t^T)."""
+        n, t = self.touches.normal[ids], self.along[ids]
+        plane = np.eye(3) - n[:, :, None] * n[:, None, :]
+        mixed = (self.touches.friction[ids, None] * t)[:, :, None] * n[:, None, :]
+        across = plane - t[:, :, None] * t[:, None, :]
+        return plane, mixed, self.shrink[ids, None, None] * across
 
 
 def natural_map(
@@ -96,12 +136,14 @@ def natural_map(
     """
     n, mu = touches.normal, touches.friction
     rho_n, rho_t = touches.normal_stiffness, touches.tangent_stiffness
-    gap, slip = touches.gaps(d), touches.slips(d)
+    move = d[touches.vertex] - touches.carried
+    apart = (n * move).sum(axis=1)
+    gap, slip = touches.gap + apart, move - apart[:, None] * n
     f_n = (f * n).sum(axis=1)
     f_t = f - f_n[:, None] * n
     push = f_n - rho_n * gap
     z = f_t - rho_t[:, None] * slip
-    size = np.linalg.norm(z, axis=1)
+    size = np.sqrt((z * z).sum(axis=1))
     limit = mu * np.maximum(push, 0.0)
     closed = push > 0.0
     if tried is not None:
@@ -110,29 +152,14 @@ def natural_map(
     if tried is not None:
         slides &= ~tried
     state = np.where(closed, np.where(slides, SLIDE, STICK), OPEN)
-    along = z / np.where(size > 0.0, size, 1.0)[:, None]
-    shrink = np.where(slides & (size > 0.0), limit / np.where(size > 0.0, size, 1.0), 0.0)
+    length = np.where(size > 0.0, size, 1.0)
+    along = z / length[:, None]
     value = np.where(closed[:, None], (rho_n * gap)[:, None] * n, f)
     stuck = state == STICK
     value[stuck] += rho_t[stuck, None] * slip[stuck]
     value[slides] += (f_t - limit[:, None] * along)[slides]
-    eye = np.eye(3)
-    normal = n[:, :, None] * n[:, None, :]
-    plane = eye - normal
-    across = plane - along[:, :, None] * along[:, None, :]
-    mixed = (mu[:, None] * along)[:, :, None] * n[:, None, :]
-    turn = shrink[:, None, None] * across
-    by_force = np.where(slides[:, None, None], plane - turn - mixed, 0.0)
-    by_force[~closed] = eye
-    by_motion = rho_n[:, None, None] * normal
-    by_motion = by_motion + np.where(
-        slides[:, None, None],
-        rho_n[:, None, None] * mixed + rho_t[:, None, None] * turn,
-        rho_t[:, None, None] * plane,
-    )
-    by_motion[~closed] = 0.0
-    symmetric = not (slides & (mu > 0.0)).any()
-    return NaturalMap(value, by_force, by_motion, state, symmetric)
+    shrink = np.where(slides & (size > 0.0), limit / length, 0.0)
+    return NaturalMap(touches, value, state, along, shrink)
 
 
 def contact_residual(touches: Touches, f: FloatArray, d: FloatArray) -> FloatArray:

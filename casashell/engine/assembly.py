@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from casashell.engine.energy import Energy
-from casashell.engine.kernels import Kernel, get_kernel
+from casashell.engine.kernels import KERNELS, Kernel, get_kernel
 from casashell.engine.recent import Recent, digest, frozen
 from casashell.typing import FloatArray, IntArray
 
@@ -143,63 +143,59 @@ class Assembly:
         """Where each entry of the row-major (3k, 3k) blocks of ``term`` goes in the pattern."""
         return self._layout.places[self._number[id(term)]]
 
-    def _run(
-        self, term: Energy, name: str, x: FloatArray, r: FloatArray, w: FloatArray | None = None
-    ) -> tuple[FloatArray, ...]:
-        kernel = self._kernel(term, name)
-        return kernel(x, r, term.params, term.stencils, x if w is None else w)
+    def _total(
+        self,
+        name: str,
+        x: FloatArray,
+        r: FloatArray,
+        load: float,
+        totals: tuple[FloatArray, ...],
+        w: FloatArray | None = None,
+        terms: Sequence[Energy] | None = None,
+    ) -> None:
+        """Add the outputs of kernel ``name``, summed over all stencils, to ``totals``."""
+        for term in self.energies if terms is None else terms:
+            scale = load if term.load else 1.0
+            kernel = self._kernel(term, name)
+            square = max(kernel.shape.outputs) == 9 * term.size**2
+            places = self.scatter_map(term) if square else None
+            rows = x if w is None else w
+            kernel.add(x, r, term.params, term.stencils, rows, scale, places, totals)
 
     def energy(self, x: FloatArray, r: FloatArray, load: float = 1.0) -> float:
         """Total energy [J] at pose x and natural shape r, both (V,3)."""
         x, r = _positions(x, self.count), _positions(r, self.count)
-        return float(
-            sum(
-                (load if term.load else 1.0) * self._run(term, "energy", x, r)[0].sum()
-                for term in self.energies
-            )
-        )
-
-    def _sum_vectors(self, parts: list[tuple[Energy, float, FloatArray]]) -> FloatArray:
-        total = np.zeros(3 * self.count)
-        for term, scale, block in parts:
-            if block.size:
-                index = (3 * term.stencils[:, :, None] + np.arange(3)).ravel()
-                total += scale * np.bincount(index, block.ravel(), minlength=3 * self.count)
-        return total.reshape(self.count, 3)
+        total = 0.0
+        for term in self.energies:
+            parts = self._kernel(term, "energy")(x, r, term.params, term.stencils, x)[0]
+            # Line searches live on small differences: NumPy sums pairwise.
+            total += (load if term.load else 1.0) * float(parts.sum())
+        return total
 
     def gradient(self, x: FloatArray, r: FloatArray, load: float = 1.0) -> FloatArray:
         """dE/dx (V,3) [N]."""
         x, r = _positions(x, self.count), _positions(r, self.count)
-        return self._sum_vectors(
-            [
-                (term, load if term.load else 1.0, self._run(term, "gradient", x, r)[0])
-                for term in self.energies
-            ]
-        )
+        total = np.zeros((self.count, 3))
+        self._total("gradient", x, r, load, (total.reshape(-1),))
+        return total
 
     def nodal_loads(self, r: FloatArray) -> FloatArray:
         """Force of the external loads on every vertex (V,3) [N], at x = r (-dE_load/dx)."""
         r = _positions(r, self.count)
-        return -self._sum_vectors(
-            [(t, 1.0, self._run(t, "gradient", r, r)[0]) for t in self.energies if t.load]
-        )
+        total = np.zeros((self.count, 3))
+        loads = [term for term in self.energies if term.load]
+        self._total("gradient", r, r, 1.0, (total.reshape(-1),), terms=loads)
+        return -total
 
     def _second(
         self, name: str, x: FloatArray, r: FloatArray, load: float, w: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
         x, r = _positions(x, self.count), _positions(r, self.count)
-        vectors: list[tuple[Energy, float, FloatArray]] = []
+        force = np.zeros((self.count, 3))
         data = np.zeros(self.pattern.nnz)
-        for term in self.energies:
-            scale = load if term.load else 1.0
-            blocks = self._run(term, name, x, r, w)
-            if len(blocks) == 2:
-                vectors.append((term, scale, blocks[0]))
-            if blocks[-1].size:
-                data += scale * np.bincount(
-                    self.scatter_map(term).ravel(), blocks[-1].ravel(), minlength=len(data)
-                )
-        return self._sum_vectors(vectors), data
+        totals = (force.reshape(-1), data) if len(KERNELS[name]) == 2 else (data,)
+        self._total(name, x, r, load, totals, w)
+        return force, data
 
     def hessian(
         self, x: FloatArray, r: FloatArray, load: float = 1.0

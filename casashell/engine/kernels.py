@@ -32,26 +32,45 @@ KERNELS: dict[str, tuple[str, ...]] = {
     "lagrangian_mixed": ("B",),
     "lagrangian_pose": ("C",),
 }
-_VERSION = "4"
+_VERSION = "5"
 
 _DRIVER = """
 #include <stdint.h>
 const int64_t casashell_shape[] = {{{info}}};
+#define CASASHELL_STENCIL \\
+    const int64_t *v = stencils + {k} * s; \\
+    for (int a = 0; a < {k}; ++a) for (int c = 0; c < 3; ++c) {{ \\
+      X[3*a+c] = x[3*v[a]+c]; R[3*a+c] = r[3*v[a]+c]; {gather_w} \\
+    }} \\
+    arg[0] = X; arg[1] = R; arg[2] = p + {m} * s; arg[3] = Q;
+#define CASASHELL_ROOM \\
+  double X[{dof}], R[{dof}], Q[{dof}], work[{work}]; \\
+  long long iwork[{iwork}]; \\
+  const double *arg[{args}]; double *res[{ress}];
+
 void casashell_batch(const double *x, const double *r, const double *w, const double *p,
                      const int64_t *stencils, int64_t count, double **out) {{
-  double X[{dof}], R[{dof}], Q[{dof}], work[{work}];
-  long long iwork[{iwork}];
-  const double *arg[{args}]; double *res[{ress}];
+  CASASHELL_ROOM
   for (int64_t s = 0; s < count; ++s) {{
-    const int64_t *v = stencils + {k} * s;
-    for (int a = 0; a < {k}; ++a) for (int c = 0; c < 3; ++c) {{
-      X[3*a+c] = x[3*v[a]+c]; R[3*a+c] = r[3*v[a]+c]; {gather_w}
-    }}
-    arg[0] = X; arg[1] = R; arg[2] = p + {m} * s; arg[3] = Q;
+    CASASHELL_STENCIL
     {outputs}
     {name}(arg, res, iwork, work, 0);
   }}
 }}
+
+void casashell_sum(const double *x, const double *r, const double *w, const double *p,
+                   const int64_t *stencils, int64_t count, double scale,
+                   const int64_t *places, double **out) {{
+  CASASHELL_ROOM
+  {buffers}
+  for (int64_t s = 0; s < count; ++s) {{
+    CASASHELL_STENCIL
+    {name}(arg, res, iwork, work, 0);
+    {sums}
+  }}
+}}
+#undef CASASHELL_STENCIL
+#undef CASASHELL_ROOM
 """
 
 
@@ -100,6 +119,11 @@ def _source(function: ca.Function, shape: Shape) -> str:
         f"res[{i}] = out[{i}] + {size} * s;" if size else f"res[{i}] = 0;"
         for i, size in enumerate(shape.outputs)
     )
+    buffers = " ".join(
+        f"double T{i}[{max(1, size)}]; res[{i}] = {f'T{i}' if size else '0'};"
+        for i, size in enumerate(shape.outputs)
+    )
+    sums = " ".join(_sum(shape, i) for i in range(len(shape.outputs)))
     return code + _DRIVER.format(
         info=", ".join(str(v) for v in (shape.k, shape.m, len(shape.outputs), *shape.outputs)),
         dof=3 * shape.k,
@@ -111,8 +135,23 @@ def _source(function: ca.Function, shape: Shape) -> str:
         ress=max(1, function.sz_res()),
         gather_w="Q[3*a+c] = w[3*v[a]+c];" if needs_w else "",
         outputs=outputs,
+        buffers=buffers,
+        sums=sums,
         name=name,
     )
+
+
+def _sum(shape: Shape, i: int) -> str:
+    """C that adds output i of a stencil to the total of all."""
+    dof, size = 3 * shape.k, shape.outputs[i]
+    place = {
+        1: "0",
+        dof: "3 * v[i / 3] + i % 3",
+        dof * dof: f"places[{dof * dof} * s + i]",
+    }
+    if not size:
+        return ""
+    return f"for (int i = 0; i < {size}; ++i) out[{i}][{place[size]}] += scale * T{i}[i];"
 
 
 def _shape(function: ca.Function) -> Shape:
@@ -128,7 +167,7 @@ def kernel_source(density: ca.Function, kernel: str, prefix: str) -> tuple[str, 
     function = _symbolic(density, kernel, prefix)
     shape = _shape(function)
     code = _source(function, shape)
-    for symbol in ("casashell_batch", "casashell_shape"):
+    for symbol in ("casashell_batch", "casashell_sum", "casashell_shape"):
         code = code.replace(symbol, f"{prefix}_{kernel}_{symbol.removeprefix('casashell_')}")
     return code, shape.outputs
 
@@ -146,6 +185,10 @@ class CompiledKernel:
         self._call = library.casashell_batch
         self._call.restype = None
         self._call.argtypes = [ctypes.c_void_p] * 5 + [ctypes.c_int64, ctypes.c_void_p]
+        self._sum = library.casashell_sum
+        self._sum.restype = None
+        self._sum.argtypes = [ctypes.c_void_p] * 5 + [ctypes.c_int64, ctypes.c_double]
+        self._sum.argtypes += [ctypes.c_void_p] * 2
 
     def __call__(
         self, x: FloatArray, r: FloatArray, p: FloatArray, stencils: IntArray, w: FloatArray
@@ -157,6 +200,26 @@ class CompiledKernel:
         arrays = (x, r, w, p, stencils)
         self._call(*(a.ctypes.data for a in arrays), count, ctypes.addressof(table))
         return made
+
+    def add(
+        self,
+        x: FloatArray,
+        r: FloatArray,
+        p: FloatArray,
+        stencils: IntArray,
+        w: FloatArray,
+        scale: float,
+        places: IntArray | None,
+        totals: tuple[FloatArray, ...],
+    ) -> None:
+        """Add ``scale`` times the sum over all stencils to ``totals``, one array for each output.
+
+        places  (S, 9 k k) where the entries of square blocks go
+        """
+        table = (ctypes.c_void_p * len(totals))(*(a.ctypes.data for a in totals))
+        pointers = [a.ctypes.data for a in (x, r, w, p, stencils)]
+        where = None if places is None else places.ctypes.data
+        self._sum(*pointers, len(stencils), scale, where, ctypes.addressof(table))
 
 
 class InterpretedKernel:
@@ -190,6 +253,28 @@ class InterpretedKernel:
                 buffer.set_res(i, array.reshape(-1).data)
         trigger()
         return made
+
+    def add(
+        self,
+        x: FloatArray,
+        r: FloatArray,
+        p: FloatArray,
+        stencils: IntArray,
+        w: FloatArray,
+        scale: float,
+        places: IntArray | None,
+        totals: tuple[FloatArray, ...],
+    ) -> None:
+        """Add ``scale`` times the sum over all stencils to ``totals``; as in `CompiledKernel`."""
+        dof = 3 * self.shape.k
+        for block, total in zip(self(x, r, p, stencils, w), totals):
+            if block.shape[1] == 1:
+                total += scale * block.sum()
+            elif block.shape[1] == dof:
+                index = (3 * stencils[:, :, None] + np.arange(3)).ravel()
+                total += scale * np.bincount(index, block.ravel(), minlength=len(total))
+            elif block.size and places is not None:
+                total += scale * np.bincount(places.ravel(), block.ravel(), minlength=len(total))
 
 
 Kernel = CompiledKernel | InterpretedKernel

@@ -124,6 +124,7 @@ class Mumps:
         self._size = len(indptr) - 1
         row = np.repeat(np.arange(self._size), np.diff(indptr))
         self._symmetric = symmetry == "symmetric"
+        self._pivoting = symmetry != "unpivoted"
         self._keep = np.flatnonzero(row >= indices) if self._symmetric else None
         chosen = slice(None) if self._keep is None else self._keep
         self._row = (row[chosen] + 1).astype(np.int32)
@@ -141,6 +142,9 @@ class Mumps:
         state.icntl[3] = 0
         # AMD analyses faster and orders small matrices better; METIS wins on large ones.
         state.icntl[6] = 0 if self._size < 5000 else 5
+        if not self._pivoting:
+            state.icntl[5] = state.icntl[7] = 0
+            state.cntl[0] = 0.0
         state.n, state.nnz = self._size, len(self._row)
         state.irn = self._row.ctypes.data_as(_INTEGERS)
         state.jcn = self._column.ctypes.data_as(_INTEGERS)

@@ -25,7 +25,8 @@ class Pardiso:
         from pypardiso import PyPardisoSolver
 
         self._symmetric = symmetry == "symmetric"
-        self._solver = PyPardisoSolver(mtype=-2 if self._symmetric else 11)
+        kinds = {"symmetric": -2, "general": 11, "unpivoted": 1}
+        self._solver = PyPardisoSolver(mtype=kinds[symmetry])
         size = len(indptr) - 1
         pattern = sp.csr_matrix(
             (np.arange(len(indices), dtype=np.float64), indices, indptr), shape=(size, size)
