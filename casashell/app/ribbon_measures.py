@@ -161,7 +161,7 @@ def settings_of(setup: RibbonSetup) -> dict[str, Any]:
         "solver": rule.solver,
         "resample": rule.interpolant,
         "mass": rule.mass,
-        "form": rule.form,
+        "form": rule.kinetics,
         "gravity": np.asarray(setup.scene.gravity).tolist(),
         "thickness": float(setup.scene.thickness),
         "up": list(setup.up),

@@ -11,7 +11,7 @@ must be given:
     solver = "ipopt"            # ipopt, augmented (the paper)
     resample = "hermite"        # hermite, linear (the paper); default: what suits the solver
     mass = "consistent"         # consistent, lumped
-    form = "positions"          # positions, velocities
+    form = "velocities"         # velocities, positions (the paper); default: what suits the solver
     thickness = 0.001           # m; collisions between ribbons, with themselves and with obstacles
 
     [[ribbon]]
@@ -130,7 +130,7 @@ def read_ribbon_scene(path: Path) -> RibbonSetup:
     solver: Solver = _word(top, "solver", get_args(Solver), "ipopt")
     resample: Resample | None = _word(top, "resample", get_args(Resample), None)
     mass: Mass = _word(top, "mass", get_args(Mass), "consistent")
-    form: Form = _word(top, "form", get_args(Form), "positions")
+    form: Form | None = _word(top, "form", get_args(Form), None)
     return RibbonSetup(
         name=top.text("name", path.stem) or path.stem,
         scene=scene,

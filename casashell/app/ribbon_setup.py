@@ -175,7 +175,7 @@ class RibbonSetup:
     solver: Solver = "ipopt"
     resample: Resample | None = None
     mass: Mass = "consistent"
-    form: Form = "positions"
+    form: Form | None = None
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     about: str = ""
     source: str = ""

@@ -166,7 +166,7 @@ def simulate(
     solver: Solver = "ipopt",
     resample: Resample | None = None,
     mass: Mass = "consistent",
-    form: Form = "positions",
+    form: Form | None = None,
     tolerance: float | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     workers: int | None = None,

@@ -45,7 +45,9 @@ class Rule:
               Lagrangian)
     resample  "linear" (the paper) or "hermite"; None: linear for "augmented", hermite otherwise
     mass      "consistent" or "lumped" on the centreline
-    form      "positions": both former shapes are resampled; "velocities": vertices carry velocities
+    form      "positions" (the paper): both former shapes are resampled; "velocities": vertices carry
+              velocities, so that short steps do not divide errors of resampling by h^2.  None:
+              positions for "augmented", velocities otherwise
     tolerance of the projected gradient, in units of D W / l; None: 1e-5 for "augmented", which
               seldom gets further, 1e-8 for "ipopt", which also counts complementarity
     feasibility of conditions, in their own units
@@ -56,20 +58,26 @@ class Rule:
     solver: Solver = "ipopt"
     resample: Resample | None = None
     mass: Mass = "consistent"
-    form: Form = "positions"
+    form: Form | None = None
     tolerance: float | None = None
     feasibility: float = 1e-8
     iterations: int | None = None
 
     def __post_init__(self) -> None:
         for name, names in (("solver", Solver), ("mass", Mass), ("form", Form)):
-            if getattr(self, name) not in get_args(names):
+            given = getattr(self, name)
+            if given not in get_args(names) and not (name == "form" and given is None):
                 wanted = ", ".join(repr(n) for n in get_args(names))
-                raise ValueError(f"{name} must be one of {wanted}; got {getattr(self, name)!r}")
+                raise ValueError(f"{name} must be one of {wanted}; got {given!r}")
         if self.resample not in (None, "linear", "hermite"):
             raise ValueError(f"resample must be 'linear' or 'hermite', got {self.resample!r}")
         if not (self.gradient > 0 and self.feasibility > 0 and self.most > 0):
             raise ValueError("tolerance, feasibility and iterations must be positive")
+
+    @property
+    def kinetics(self) -> Form:
+        """The form asked for, or the one that suits the solver."""
+        return self.form or ("positions" if self.solver == "augmented" else "velocities")
 
     @property
     def gradient(self) -> float:
@@ -173,7 +181,7 @@ def inertia(task: Task, physics: RibbonPhysics, rule: Rule) -> Term:
         free = middle + (middle - former) * (1.0 if same else h / past.lapse)
         return lumped(ribbon, physics, h, free)
     how = rule.interpolant
-    if rule.form == "positions" and same:
+    if rule.kinetics == "positions" and same:
         now = rims(ribbon, slopes, past.points, physics, how)
         before = rims(ribbon, past.former_slopes, past.former, physics, how)
     else:
