@@ -191,10 +191,14 @@ def _bound(term: Energy, index: MetricIndex, metric: Metric) -> Energy:
         return form.reference(p[own:], p[:own])
 
     measure = None if term.measure is None else term.measure.serialize()
+    moved = form.in_motion
+    if moved is not None:
+        moved = _with_numbers(moved.serialize(), None, term.size, len(form.reads))
     return replace(
         term,
         density=_with_numbers(form.density.serialize(), measure, term.size, len(form.reads)),
         params=np.hstack([term.params, numbers]),
         reference=reference,
         metric=None,
+        in_motion=moved,
     )

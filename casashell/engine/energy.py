@@ -25,11 +25,13 @@ class MetricForm:
                its positions (3,k) otherwise
     reference  the same energy in plain NumPy: n (m,S), p -> function of x (k,3,S) -> (S,), as for
                `Energy`
+    in_motion  as for `Energy`, of positions x (3,k), n and p
     """
 
     reads: tuple[tuple[int, ...], ...]
     density: ca.Function
     reference: Reference
+    in_motion: ca.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,8 @@ class Energy:
                that allows complex x; certificates differentiate it by complex step
     material   arrays the term writes about itself into result files
     metric     the same energy with natural lengths, angles and areas; needed for a natural metric
+    in_motion  density that simulations take instead: the same, but smooth where a motion may crush
+               stencils; None where ``density`` already is
     """
 
     name: str
@@ -57,6 +61,7 @@ class Energy:
     reference: Reference | None = None
     material: Mapping[str, AnyArray] = field(default_factory=dict)
     metric: MetricForm | None = None
+    in_motion: ca.Function | None = None
 
     def __post_init__(self) -> None:
         stencils = np.ascontiguousarray(self.stencils, dtype=np.int64)
