@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from casashell.dynamics.bodies import Body, RestingBody
 from casashell.dynamics.motion import Motion
 from casashell.dynamics.touching import Watch
 from casashell.engine.energy import Energy
+from casashell.engine.kernels import get_kernel
 from casashell.mesh import TriMesh
 from casashell.metric import laid_out, with_metric
 from casashell.problem import DEFAULT_TOLERANCE, Problem
@@ -93,7 +94,7 @@ def setting_of(
     made = _masses(target, energies, result, shape, areas) if mass is None else _given(mass, target)
     return Setting(
         target=target,
-        energies=tuple(energies),
+        energies=tuple(in_motion(term, start, shape) for term in energies),
         start=np.array(start),
         rest=shape,
         mass=made,
@@ -103,6 +104,19 @@ def setting_of(
         friction=None if friction is None else np.asarray(friction),
         forces=forces,
     )
+
+
+def in_motion(term: Energy, x: FloatArray, r: FloatArray) -> Energy:
+    """The term with its density for motions, unless the start is crushed and would not hold then."""
+    if term.in_motion is None:
+        return term
+    made = replace(term, density=term.in_motion)
+    at = [np.ascontiguousarray(positions, dtype=np.float64) for positions in (x, r)]
+    plain, moving = (
+        get_kernel(each.density, "energy")(*at, each.params, each.stencils, at[0])[0]
+        for each in (term, made)
+    )
+    return made if np.allclose(moving, plain, rtol=1e-12, atol=0.0) else term
 
 
 def _check_same(result: Result, problem: Problem) -> None:

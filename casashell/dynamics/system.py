@@ -12,7 +12,7 @@ All matrices share one pattern: that of the energies and the faces.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -89,7 +89,6 @@ class System:
         count = len(rest)
         self.rest, self.mass, self.faces = rest, mass, faces
         self.wind, self.damping = wind, damping
-        energies = [replace(term, density=term.in_motion or term.density) for term in energies]
         self.assembly = Assembly(energies, count, interpreted=interpreted)
         self.interpreted = interpreted
         terms = list(self.assembly.energies)
