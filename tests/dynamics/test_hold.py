@@ -15,6 +15,7 @@ import casashell
 from casashell.app.paper_scenes import synthetic_skirt
 from casashell.contact.mesh_obstacle import MeshObstacle
 from casashell.contact.obstacles import Plane, Sphere
+from casashell.dynamics.setting import in_motion
 from casashell.dynamics.simulate import simulate
 from casashell.dynamics.simulation import SimulationStatus
 from casashell.mesh import TriMesh
