@@ -74,14 +74,14 @@ def scene(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Simulation, float
     return run, worst[0], fed, body
 
 
-@pytest.mark.parametrize("seed", [2, 3, 5, 6, 9, 11])
+@pytest.mark.parametrize("seed", range(16))
 def test_a_random_scene_obeys_the_laws(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     run, over, fed, body = scene(seed, monkeypatch)
     assert run.status is SimulationStatus.COMPLETE
     assert np.isfinite(run.positions).all()
     assert np.isfinite(run.velocities).all()
     assert over <= 1e-6
-    assert run.residuals.max() <= 1e-2
+    assert run.residuals.max() <= 1e-6
     if not fed:
         rise = np.diff(run.energies).max(initial=0.0)
         assert rise <= 1e-6 * float(np.abs(run.energies).max())
