@@ -231,7 +231,7 @@ _ACTS: Final[Mapping[str, tuple[Act, ...]]] = {
     "Book Page": (
         Act(
             "weak wind",
-            2.2,
+            3.0,
             wind=Spell((9.0, 0.0, 0.0), onset=0.2, until=0.8),
             damping=_SETTLES,
             claims={"slipped": (0.01, 0.1), "end speed": (0.0, 1e-6), "turned": (0.9, 1.0)},
