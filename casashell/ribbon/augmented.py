@@ -1,6 +1,6 @@
 """Augmented Lagrangian around L-BFGS-B, as in Pan, Huang and Bao 2016, Sec. 4.
 
-    L_A = f + y . C + (mu/2) |C|^2 + 1/(2 mu) sum ( max(0, v + mu G)^2 - v^2 ),    G = A z - b
+    L_A = f + y . C + (mu/2) |C|^2 + 1/(2 mu) sum ( max(0, v + mu G)^2 - v^2 ),    G = (A z - b, contacts)
 
 Multipliers and penalty by the schedule of Nocedal and Wright, Numerical Optimization, Alg. 17.4.
 """
@@ -72,7 +72,7 @@ class Lagrangian:
         if len(v):
             force = np.maximum(0.0, v + mu * self.program.inequalities(z))
             value += float(force @ force - v @ v) / (2.0 * mu)
-            gradient = gradient + self.program.matrix.T @ force
+            gradient = gradient + self.program.inequality_rows(z).T @ force
         return value, gradient
 
 
@@ -145,7 +145,9 @@ def augmented(
 
 def _cold(program: Program, plan: Schedule) -> Multipliers:
     m = len(program.equalities(program.start)[0])
-    return Multipliers(np.zeros(m), np.zeros(len(program.bound)), plan.penalty)
+    return Multipliers(
+        np.zeros(m), np.zeros(len(program.inequalities(program.start))), plan.penalty
+    )
 
 
 def _outcome(
@@ -154,7 +156,7 @@ def _outcome(
     """Measured afresh: the gradient of the Lagrangian, with multipliers and no penalty."""
     value, gradient = program.objective(z)
     gradient = gradient + program.equalities(z)[1].T @ at.equality
-    gradient = gradient + program.rows().T @ at.inequality
+    gradient = gradient + program.inequality_rows(z).T @ at.inequality
     return Outcome(
         z, value, stop, *counts, program.violation(z), program.projected(z, gradient), at
     )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from casashell.engine.threads import one_thread
 from casashell.ribbon.chain import reconstruct
+from casashell.ribbon.contact import StripCollisions
 from casashell.ribbon.parallel import Workers
+from casashell.ribbon.pressed import with_contacts
 from casashell.ribbon.record import (
     Frame,
     Progress,
@@ -35,7 +37,7 @@ from casashell.ribbon.step import (
     advance,
     rim_points,
 )
-from casashell.typing import FloatArray
+from casashell.typing import BoolArray, FloatArray
 
 #: A step that fails is made in two halves, those in two quarters, at most so often.
 HALVINGS = 5
@@ -109,21 +111,49 @@ class Stepper:
             raise StepFailed(str(error)) from error
         for number, end in enumerate(ends):
             self._require(number, end)
-        points = [end.points for end in ends]
-        if self.collide is not None:
-            try:
-                points = list(self.collide([past.points for past in pasts], points))
-            except (Unresolved, ValueError) as error:
-                raise StepFailed(f"collision response: {error}") from error
-        outcomes = [end.outcome for end in ends]
+        try:
+            last, points, pushed = self._respond(tasks, ends)
+        except (Unresolved, ValueError) as error:
+            raise StepFailed(f"collision response: {error}") from error
+        outcomes = [end.outcome for end in last]
         return _Made(
-            responded(tasks, ends, points, scene.physics, self.rule),
+            tuple(
+                replace(past, pushed=mask)
+                for past, mask in zip(
+                    responded(tasks, ends, last, points, scene.physics, self.rule), pushed
+                )
+            ),
             np.array([float(o.inner) for o in outcomes]),
             np.array([float(o.outer) for o in outcomes]),
             np.array([o.projected_gradient for o in outcomes]),
             np.array([o.violation for o in outcomes]),
             1,
         )
+
+    def _respond(
+        self, tasks: list[Task], ends: list[Proposed]
+    ) -> tuple[list[Proposed], list[FloatArray], Sequence[BoolArray | None]]:
+        """Ends, vertices (2,N+1,3) [m] without interpenetration, and which of them were pushed."""
+        scene, points, none = self.scene, [end.points for end in ends], [None] * len(ends)
+        if self.collide is None:
+            return ends, points, none
+        if not isinstance(self.collide, StripCollisions):
+            return ends, list(self.collide([task.past.points for task in tasks], points)), none
+        return with_contacts(
+            self.collide,
+            tasks,
+            ends,
+            lambda again: self.workers.map(lambda t: advance(t, scene.physics, self.rule), again),
+            self._sound,
+        )
+
+    def _sound(self, number: int, end: Proposed) -> bool:
+        """Whether the end of a step counts."""
+        try:
+            self._require(number, end)
+        except StepFailed:
+            return False
+        return True
 
     def _task(self, body: Body, past: Past, t: float, h: float) -> Task:
         return Task(

@@ -41,6 +41,7 @@ class _Memory:
     def __post_init__(self) -> None:
         self._objective: tuple[FloatArray, tuple[float, FloatArray]] | None = None
         self._equalities: tuple[FloatArray, tuple[FloatArray, FloatArray]] | None = None
+        self._contacts: tuple[FloatArray, tuple[FloatArray, FloatArray]] | None = None
 
     def objective(self, z: FloatArray) -> tuple[float, FloatArray]:
         if self._objective is None or not np.array_equal(self._objective[0], z):
@@ -52,6 +53,11 @@ class _Memory:
         if self._equalities is None or not np.array_equal(self._equalities[0], z):
             self._equalities = (z.copy(), self.program.equalities(z))
         return self._equalities[1]
+
+    def contacts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if self._contacts is None or not np.array_equal(self._contacts[0], z):
+            self._contacts = (z.copy(), self.program.contacts(z))
+        return self._contacts[1]
 
 
 def independent_rows(jacobian: FloatArray, tolerance: float = 1e-9) -> IntArray:
@@ -97,30 +103,32 @@ def _nlp(
     program: Program, curvature: Hessian, memory: _Memory, start: FloatArray, kept: IntArray
 ) -> Nlp:
     n, k, m = len(start), len(program.bound), len(memory.equalities(start)[0])
+    q = len(memory.contacts(start)[0])
     upper = np.triu_indices(n)
-    rows, columns = np.divmod(np.arange((len(kept) + k) * n), n)
+    rows, columns = np.divmod(np.arange((len(kept) + k + q) * n), n)
     matrix = program.rows()
 
     def constraints(z: FloatArray) -> FloatArray:
-        return np.concatenate((memory.equalities(z)[0][kept], matrix @ z))
+        return np.concatenate((memory.equalities(z)[0][kept], matrix @ z, memory.contacts(z)[0]))
 
     def jacobian(z: FloatArray) -> FloatArray:
-        return np.concatenate((memory.equalities(z)[1][kept].ravel(), matrix.ravel()))
+        parts = (memory.equalities(z)[1][kept], matrix, memory.contacts(z)[1])
+        return np.concatenate([part.ravel() for part in parts])
 
     def hessian(z: FloatArray, scale: float, y: FloatArray) -> FloatArray:
-        force = np.zeros(m)
-        force[kept] = y[: len(kept)]
+        force = np.zeros(m + q)
+        force[kept], force[m:] = y[: len(kept)], y[len(kept) + k :]
         if scale == 1.0:
             return curvature(z, force)[upper]
-        flat = curvature(z, np.zeros(m))  # the restoration phase scales f: C'' is linear in y
+        flat = curvature(z, np.zeros(m + q))  # the restoration phase scales f: C'' is linear in y
         return (scale * flat + curvature(z, force) - flat)[upper]
 
     return Nlp(
         start=start,
         lower=program.lower,
         upper=program.upper,
-        constraint_lower=np.concatenate((np.zeros(len(kept)), np.full(k, -np.inf))),
-        constraint_upper=np.concatenate((np.zeros(len(kept)), program.bound)),
+        constraint_lower=np.concatenate((np.zeros(len(kept)), np.full(k + q, -np.inf))),
+        constraint_upper=np.concatenate((np.zeros(len(kept)), program.bound, np.zeros(q))),
         objective=lambda z: memory.objective(z)[0],
         objective_gradient=lambda z: memory.objective(z)[1],
         constraints=constraints,
@@ -150,7 +158,8 @@ def _outcome(
     equality[kept] = found.multipliers[: len(kept)]
     inequality = np.maximum(0.0, found.multipliers[len(kept) :])
     value, gradient = memory.objective(z)
-    gradient = gradient + memory.equalities(z)[1].T @ equality + program.rows().T @ inequality
+    gradient = gradient + memory.equalities(z)[1].T @ equality
+    gradient = gradient + program.inequality_rows(z).T @ inequality
     return Outcome(
         z=z,
         objective=value,

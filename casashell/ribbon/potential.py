@@ -12,6 +12,7 @@ from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.program import Program
 from casashell.ribbon.taut import Limit
 from casashell.ribbon.terms import Term, Terms
+from casashell.ribbon.touch import Touch
 from casashell.typing import FloatArray
 
 
@@ -23,6 +24,7 @@ class Potential:
     far         of one stencil each, whose stations may be anywhere
     conditions  C = 0
     limits      of single slopes, beside those that keep rulings from crossing
+    touch       contacts G <= 0
     """
 
     coordinates: Coordinates
@@ -31,6 +33,7 @@ class Potential:
     far: tuple[Term, ...] = ()
     conditions: tuple[Condition, ...] = ()
     limits: tuple[Limit, ...] = ()
+    touch: Touch | None = None
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -68,7 +71,7 @@ class Potential:
         return value / self.unit, self.coordinates.rows(full) / self.unit
 
     def hessian(self, z: FloatArray, multipliers: FloatArray) -> FloatArray:
-        """(n,n) second derivative of objective + multipliers . C."""
+        """(n,n) second derivative of objective + multipliers . (C, G)."""
         shape = self.coordinates.strip(z)
         placed = self.coordinates.placed(z, shape)
         gradient, buffer = self.terms.second(shape.table)
@@ -76,6 +79,9 @@ class Potential:
         apart += [Far.of(term, shape.table) for term in self._weighed(multipliers * self.unit)]
         for far in apart:
             np.add.at(gradient, far.rows, far.gradient.reshape(-1, 3))
+        if self.touch is not None:
+            first = sum(condition.count for condition in self.conditions)
+            self.touch.add_forces(multipliers[first:] * self.unit, gradient)
         full = placed.hessian(gradient, *self.terms.layout.split(buffer))
         for far in apart:
             rows = table_rows(placed, far.rows)
@@ -99,6 +105,14 @@ class Potential:
         slopes = [c.slopes(shape.table) @ table_rows(placed, c.rows) for c in self.conditions]
         return np.concatenate(values), self.coordinates.rows(np.concatenate(slopes))
 
+    def contacts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """G (q,) and its derivative (q,n)."""
+        if self.touch is None:
+            return np.empty(0), np.empty((0, len(z)))
+        shape = self.coordinates.strip(z)
+        slopes = self.touch.slopes(self.coordinates.placed(z, shape))
+        return self.touch.values(shape.table), self.coordinates.rows(slopes)
+
     def program(self, start: FloatArray, *, second: bool = True) -> Program:
         """The program of least energy from ``start`` (n,)."""
         space = self.coordinates
@@ -111,6 +125,7 @@ class Potential:
             equalities=self.equalities,
             matrix=self.matrix,
             bound=self.bound,
+            contacts=self.contacts,
         )
 
     def with_terms(self, *more: Term) -> Potential:

@@ -1,9 +1,9 @@
 """A small nonlinear program, written once and solved by more than one method.
 
-    minimise f(z)   subject to   lower <= z <= upper,   C(z) = 0,   A z <= b
+    minimise f(z)   subject to   lower <= z <= upper,   C(z) = 0,   A z <= b,   G(z) <= 0
 
 Pan, Huang and Bao 2016, Sec. 4: after the box substitution a step of a ribbon has this form, with at
-most a few rows in A and C.
+most a few rows in A and C.  G are contacts.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ def _no_equalities(z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Functions, bounds and start; n unknowns, m equalities, k inequalities.
+    """Functions, bounds and start; n unknowns, m equalities, k linear inequalities, q contacts.
 
     objective   z (n,) -> f and its gradient (n,)
-    hessian     z, y (m,) -> (n, n) of f + y . C; None: only methods without second derivatives
+    hessian     z, y (m + q,) -> (n, n) of f + y . (C, G); None: only methods without second derivatives
     equalities  z -> C (m,) and dC/dz (m, n)
+    contacts    z -> G (q,) and dG/dz (q, n)
     matrix      (k, n) A and ``bound`` (k,) b
     Raises ValueError for sizes that do not fit, a start that is not finite or crossed bounds.
     """
@@ -44,6 +45,7 @@ class Program:
     equalities: Equalities = _no_equalities
     matrix: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     bound: FloatArray = field(default_factory=lambda: np.empty(0))
+    contacts: Equalities = _no_equalities
 
     def __post_init__(self) -> None:
         n = len(self.start)
@@ -59,8 +61,13 @@ class Program:
             raise ValueError(f"matrix must have shape ({len(self.bound)}, {n})")
 
     def inequalities(self, z: FloatArray) -> FloatArray:
-        """A z - b (k,); positive where violated."""
-        return self.matrix @ z - self.bound if len(self.bound) else np.empty(0)
+        """A z - b and G (k + q,); positive where violated."""
+        linear = self.matrix @ z - self.bound if len(self.bound) else np.empty(0)
+        return np.concatenate((linear, self.contacts(z)[0]))
+
+    def inequality_rows(self, z: FloatArray) -> FloatArray:
+        """Their derivatives (k + q, n)."""
+        return np.concatenate((self.rows(), self.contacts(z)[1]))
 
     def rows(self) -> FloatArray:
         """A (k, n), also when k is 0."""
@@ -104,7 +111,7 @@ class Stop(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Multipliers:
-    """Of the equalities (m,) and inequalities (k,), with the penalty that goes with them."""
+    """Of the equalities (m,) and inequalities (k + q,), with the penalty that goes with them."""
 
     equality: FloatArray
     inequality: FloatArray

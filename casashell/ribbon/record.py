@@ -205,6 +205,8 @@ def save_checkpoint(path: Path, pasts: Sequence[Past], frames: Sequence[Frame], 
         for label, state in states.items():
             if state is not None:
                 made |= {f"{label}_{name}_{k}": getattr(state, name) for name in _STATE}
+        if past.pushed is not None:
+            made[f"pushed_{k}"] = past.pushed
         if past.multipliers is not None:
             for entry in fields(past.multipliers):
                 made[f"multiplier_{entry.name}_{k}"] = getattr(past.multipliers, entry.name)
@@ -262,5 +264,6 @@ def _past(found: dict[str, AnyArray], k: int) -> Past:
         former_slopes=found[f"former_slopes_{k}"],
         lapse=float(found[f"lapse_{k}"]),
         earlier=state("earlier"),
+        pushed=found.get(f"pushed_{k}"),
         multipliers=multipliers,
     )

@@ -20,6 +20,7 @@ import numpy as np
 
 from casashell.ribbon.chain import BOTTOM, TOP, reconstruct
 from casashell.ribbon.physics import RibbonPhysics
+from casashell.ribbon.resample import abscissae
 from casashell.ribbon.ribbon import Ribbon
 from casashell.ribbon.step import Past, Proposed, Rule, Task, after, consistent, lumped, rims
 from casashell.ribbon.terms import Terms
@@ -40,17 +41,24 @@ def kinetic_energy(ribbon: Ribbon, physics: RibbonPhysics, rule: Rule, past: Pas
 
 def responded(
     tasks: Sequence[Task],
+    free: Sequence[Proposed],
     ends: Sequence[Proposed],
     points: Sequence[FloatArray],
     physics: RibbonPhysics,
     rule: Rule,
 ) -> tuple[Past, ...]:
-    """What the next step starts from, with vertices (2,N+1,3) [m] after collision response."""
+    """What the next step starts from, with vertices (2,N+1,3) [m] after collision response.
+
+    free  ends of the step without contacts, on rulings of their own
+    """
     made = tuple(after(task, end, x) for task, end, x in zip(tasks, ends, points))
-    moved = [x - end.points for end, x in zip(ends, points)]
+    moved = [
+        x - _free_points(task.ribbon, one, end, physics, rule)
+        for task, one, end, x in zip(tasks, free, ends, points)
+    ]
     if not any(u.any() for u in moved):
         return made
-    share = _share(tasks, ends, moved, made, physics, rule)
+    share = _share(tasks, moved, made, physics, rule)
     if share == 1.0:
         return made
     return tuple(
@@ -59,9 +67,18 @@ def responded(
     )
 
 
+def _free_points(
+    ribbon: Ribbon, free: Proposed, end: Proposed, physics: RibbonPhysics, rule: Rule
+) -> FloatArray:
+    """(2,N+1,3) [m] where the step without contacts has the vertices of ``end``."""
+    if free is end:
+        return end.points
+    there = rims(ribbon, free.state.all_slopes, free.points, physics, rule.interpolant)
+    return there.at(abscissae(ribbon.length, ribbon.width, end.state.all_slopes))
+
+
 def _share(
     tasks: Sequence[Task],
-    ends: Sequence[Proposed],
     moved: Sequence[FloatArray],
     made: Sequence[Past],
     physics: RibbonPhysics,
@@ -69,10 +86,10 @@ def _share(
 ) -> float:
     """The part of ``moved`` (2,N+1,3) [m] that becomes velocity, 0 .. 1."""
     product = square = 0.0
-    for task, end, u, past in zip(tasks, ends, moved, made):
+    for task, u, past in zip(tasks, moved, made):
         if not u.any():
             continue
-        before, own = replace(past, points=end.points), _moving(past, past.points - u)
+        before, own = replace(past, points=past.points - u), _moving(past, past.points - u)
         energies = [
             kinetic_energy(task.ribbon, physics, rule, each) for each in (past, before, own)
         ]

@@ -27,7 +27,8 @@ from casashell.ribbon.resample import History, Resample, Rims, abscissae, piece_
 from casashell.ribbon.ribbon import Ribbon, RibbonState
 from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
-from casashell.typing import FloatArray
+from casashell.ribbon.touch import Touch
+from casashell.typing import BoolArray, FloatArray
 
 #: Projected gradient, in units of D W / l, below which Ipopt's smallest steps are an end.
 _NEARLY = 1e-3
@@ -105,6 +106,7 @@ class Past:
     points    (2,N+1,3) [m] bottom and top vertices after collision response
     former    (2,N+1,3) [m] where the same vertices were ``lapse`` [s] before, on the rulings
               ``former_slopes`` (N+1,)
+    pushed    (2,N+1) vertices which the collision response moved by more than the thickness
     """
 
     state: RibbonState
@@ -113,6 +115,7 @@ class Past:
     former_slopes: FloatArray
     lapse: float
     earlier: RibbonState | None = None
+    pushed: BoolArray | None = None
     multipliers: Multipliers | None = None
 
     def velocities(self, ribbon: Ribbon, physics: RibbonPhysics, resample: Resample) -> FloatArray:
@@ -128,6 +131,8 @@ class Task:
 
     setting  what acts at the end of the step, and ``terms`` beside it
     begin    frame and origin of a clamped ribbon's first quad at the end of the step
+    touch    contacts it keeps
+    near     a state near its end, to start from
     """
 
     ribbon: Ribbon
@@ -136,6 +141,8 @@ class Task:
     setting: Setting
     terms: tuple[Term, ...] = ()
     begin: tuple[FloatArray, FloatArray] | None = None
+    touch: Touch | None = None
+    near: RibbonState | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +220,9 @@ def advance(task: Task, physics: RibbonPhysics, rule: Rule) -> Proposed:
     slopes = task.past.state.all_slopes
     potential = task.setting.potential(task.ribbon, physics, starts[0], slopes=slopes)
     moving = potential.terms.with_terms([inertia(task, physics, rule), *task.terms])
-    potential = replace(potential, coordinates=space, terms=moving)
+    potential = replace(potential, coordinates=space, terms=moving, touch=task.touch)
+    if task.near is not None:
+        starts = [task.near]
     z = _best_start(potential, [space.pack(s) for s in starts])
     program = potential.program(z, second=rule.solver != "augmented")
     outcome = solve(program, rule, task.past.multipliers)
@@ -233,7 +242,8 @@ def solve(program: Program, rule: Rule, warm: Multipliers | None = None) -> Outc
     schedule = Schedule(feasibility=rule.feasibility, gradient=rule.gradient, inner=rule.most)
     if warm is not None:
         counts = len(warm.equality), len(warm.inequality)
-        if counts != (len(program.equalities(program.start)[0]), len(program.bound)):
+        here = program.equalities(program.start)[0], program.inequalities(program.start)
+        if counts != (len(here[0]), len(here[1])):
             warm = None
     return augmented(program, schedule, warm)
 
