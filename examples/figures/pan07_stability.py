@@ -3,8 +3,9 @@
 Torsion: the built-in scene, a strip 10 x 1, pulled and twisted at its end by one turn.
 Dragging: a loop 10 x 1 pulled apart at opposite points by forces of 500 D W / L^2.
 Checked: every step is made, whole; lengths stay to rounding; hard steps take at most ten times the
-iterations of the mean one, but for the first, from a strip so flat that its rulings are free; the twisted end follows its guide, a spring, to 5 degrees; the loop at rest
-has the curvature sqrt(F / (D W)) where it is pulled (closed form of a long loop), within 3 %.
+iterations of the mean one, but for the first, from a strip so flat that its rulings are free; the
+twisted end follows its guide, a spring, to 5 degrees; the loop at rest has the curvature
+sqrt(F / (D W)) where it is pulled (closed form of a long loop), within 3 %.
 """
 
 from dataclasses import dataclass, replace
