@@ -54,6 +54,13 @@ def rulings(ribbon: Ribbon, physics: RibbonPhysics) -> Term:
     return Term(physics.rulings, 4 * stations[:, None], params)
 
 
+def hesitant(ribbon: Ribbon, physics: RibbonPhysics, weight: float, slopes: FloatArray) -> Term:
+    """weight D W / (2 l) sum (c - slopes)^2 over the inner rulings; slopes (N+1,)."""
+    stations = np.arange(1, ribbon.segments)
+    params = np.column_stack([np.full(len(stations), weight * ribbon.energy_unit), slopes[1:-1]])
+    return Term(physics.rulings, 4 * stations[:, None], params)
+
+
 def gravity(ribbon: Ribbon, physics: RibbonPhysics, acceleration: ArrayLike) -> Term:
     """Weight, exact for the planar quads; ``acceleration`` (3,) [m/s2].  ValueError if not finite."""
     g = vector("gravity", acceleration)

@@ -15,7 +15,9 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from casashell.ribbon import forces
 from casashell.ribbon.augmented import Schedule, augmented
+from casashell.ribbon.balanced import Balanced
 from casashell.ribbon.chain import BOTTOM, TOP, Strip
 from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.exact import exact
@@ -32,6 +34,8 @@ from casashell.typing import BoolArray, FloatArray
 
 #: Projected gradient, in units of D W / l, below which Ipopt's smallest steps are an end.
 _NEARLY = 1e-3
+#: Largest penalty of the augmented Lagrangian that a step hands on to the next.
+MOST_KEPT = 1e4
 
 Solver: TypeAlias = Literal["augmented", "ipopt"]
 Mass: TypeAlias = Literal["consistent", "lumped"]
@@ -52,6 +56,9 @@ class Rule:
     tolerance of the projected gradient, in units of D W / l; None: 1e-5 for "augmented", which
               seldom gets further, 1e-8 for "ipopt", which also counts complementarity
     feasibility of conditions, in their own units
+    proximal  m of  m D W / (2 l) (c - c^n)^2, as if every crease were bent by sqrt(m) more: rulings of
+              a flat strip are free to run, and an optimiser runs after them.  Vanishes with the step.
+              None: 0 for "augmented", which has none in the paper, 3e-4 (a degree) otherwise
     iterations most of one minimisation; None: 3000 for "augmented", 500 for "ipopt"
     Raises ValueError for names that are not known.
     """
@@ -63,6 +70,7 @@ class Rule:
     tolerance: float | None = None
     feasibility: float = 1e-8
     iterations: int | None = None
+    proximal: float | None = None
 
     def __post_init__(self) -> None:
         for name, names in (("solver", Solver), ("mass", Mass), ("form", Form)):
@@ -72,6 +80,8 @@ class Rule:
                 raise ValueError(f"{name} must be one of {wanted}; got {given!r}")
         if self.resample not in (None, "linear", "hermite"):
             raise ValueError(f"resample must be 'linear' or 'hermite', got {self.resample!r}")
+        if not self.hold >= 0:
+            raise ValueError(f"proximal must be >= 0, got {self.proximal}")
         if not (self.gradient > 0 and self.feasibility > 0 and self.most > 0):
             raise ValueError("tolerance, feasibility and iterations must be positive")
 
@@ -85,6 +95,12 @@ class Rule:
         """The tolerance asked for, or the one that suits the solver."""
         usual = {"augmented": 1e-5, "ipopt": 1e-8}
         return usual[self.solver] if self.tolerance is None else self.tolerance
+
+    @property
+    def hold(self) -> float:
+        """The weight of the proximal term asked for, or the one that suits the solver."""
+        usual = {"augmented": 0.0, "ipopt": 3e-4}
+        return usual[self.solver] if self.proximal is None else self.proximal
 
     @property
     def most(self) -> int:
@@ -220,18 +236,22 @@ def advance(task: Task, physics: RibbonPhysics, rule: Rule) -> Proposed:
     slopes = task.past.state.all_slopes
     potential = task.setting.potential(task.ribbon, physics, starts[0], slopes=slopes)
     moving = potential.terms.with_terms([inertia(task, physics, rule), *task.terms])
+    if rule.hold > 0:
+        moving = moving.with_terms([forces.hesitant(task.ribbon, physics, rule.hold, slopes)])
     potential = replace(potential, coordinates=space, terms=moving, touch=task.touch)
     if task.near is not None:
         starts = [task.near]
     z = _best_start(potential, [space.pack(s) for s in starts])
-    program = potential.program(z, second=rule.solver != "augmented")
-    outcome = solve(program, rule, task.past.multipliers)
+    boxed = np.arange(space.size) < space.creases
+    outcome = solve(potential.program(z), rule, boxed, task.past.multipliers)
     shape = space.strip(outcome.z)
     return Proposed(space.state(outcome.z), rim_points(shape), outcome)
 
 
-def solve(program: Program, rule: Rule, warm: Multipliers | None = None) -> Outcome:
-    """Minimum by the rule's method."""
+def solve(
+    program: Program, rule: Rule, boxed: BoolArray, warm: Multipliers | None = None
+) -> Outcome:
+    """Minimum by the rule's method; ``boxed`` (n,) are the unknowns whose bounds matter."""
     if rule.solver == "ipopt":
         return exact(
             program,
@@ -240,12 +260,13 @@ def solve(program: Program, rule: Rule, warm: Multipliers | None = None) -> Outc
             iterations=rule.most,
         )
     schedule = Schedule(feasibility=rule.feasibility, gradient=rule.gradient, inner=rule.most)
+    known = None
     if warm is not None:
         counts = len(warm.equality), len(warm.inequality)
         here = program.equalities(program.start)[0], program.inequalities(program.start)
-        if counts != (len(here[0]), len(here[1])):
-            warm = None
-    return augmented(program, schedule, warm)
+        known = warm if counts == (len(here[0]), len(here[1])) else None
+    even = Balanced.of(program, boxed, schedule.penalty if known is None else known.penalty)
+    return even.back(augmented(even.program, schedule, known and even.there(known)))
 
 
 def _starts(task: Task) -> list[RibbonState]:
@@ -302,7 +323,7 @@ def after(task: Task, proposed: Proposed, points: FloatArray) -> Past:
         former_slopes=past.state.all_slopes,
         lapse=task.h,
         earlier=past.state,
-        multipliers=replace(multipliers, penalty=10.0),
+        multipliers=replace(multipliers, penalty=min(multipliers.penalty, MOST_KEPT)),
     )
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from casashell.ribbon.chain import reconstruct
 from casashell.ribbon.coordinates import Coordinates
-from casashell.ribbon.dynamics import StepFailed, Stepper
+from casashell.ribbon.dynamics import StepFailed, Stepper, simulate
 from casashell.ribbon.parallel import Workers
+from casashell.ribbon.record import RunStatus
 from casashell.ribbon.resample import Rims, abscissae, piece_of
 from casashell.ribbon.ribbon import Ribbon, RibbonState
 from casashell.ribbon.scene import Body, Scene
@@ -104,6 +105,9 @@ def test_rules_are_checked() -> None:
             Rule(**wrong)
     with pytest.raises(ValueError, match="positive"):
         Rule(tolerance=-1.0)
+    with pytest.raises(ValueError, match="proximal"):
+        Rule(proximal=-1.0)
+    assert Rule(solver="augmented").hold == 0.0
     assert Rule(solver="augmented").interpolant == "linear"
     assert Rule().interpolant == "hermite"
 
@@ -129,3 +133,22 @@ def test_a_step_that_fails_is_made_in_parts() -> None:
     np.testing.assert_allclose(drop, 10.0 * 0.01**2 * 10, atol=1e-9)
     with pytest.raises(StepFailed, match="too long"):
         stepper.step(begin, 0.0, 4.0)
+
+
+def test_rulings_of_a_flat_strip_are_no_trouble() -> None:
+    """A long strip, bent by a degree a crease, unbends: 170 iterations of a step without the term."""
+    ribbon = Ribbon(1.2, 0.02, 60, 1e-4, 0.1, ends="free")
+    body = Body(ribbon, RibbonState(np.zeros(59), np.full(59, 0.02)), spin=(1.0, 0.0, 0.0))
+    scene = Scene((body,), PHYSICS, (0.0, 0.0, 0.0))
+    sim = simulate(scene, 0.08, 0.01)
+    assert sim.status is RunStatus.COMPLETE
+    assert sim.inner.max() < 50
+    stepper = Stepper(scene, Rule(proximal=0.0), Workers(1), None)
+    pasts, hardest = stepper.begin(0.01), 0.0
+    for k in range(3):
+        made = stepper.step(pasts, 0.01 * k, 0.01)
+        pasts, hardest = made.pasts, max(hardest, float(made.inner.max()))
+    assert hardest > 80
+    free = rim_points(reconstruct(ribbon, pasts[0].state)).mean(axis=(0, 1))
+    held = sim.tracks[0].middle[3].mean(axis=0)
+    np.testing.assert_allclose(held, free, atol=1e-3 * 1.2)
