@@ -111,9 +111,9 @@ def in_motion(term: Energy, x: FloatArray, r: FloatArray) -> Energy:
     if term.in_motion is None:
         return term
     made = replace(term, density=term.in_motion)
-    at = [np.ascontiguousarray(positions, dtype=np.float64) for positions in (x, r)]
+    x, r = (np.ascontiguousarray(points, dtype=np.float64) for points in (x, r))
     plain, moving = (
-        get_kernel(each.density, "energy")(*at, each.params, each.stencils, at[0])[0]
+        get_kernel(each.density, "energy")(x, r, each.params, each.stencils, x)[0]
         for each in (term, made)
     )
     return made if np.allclose(moving, plain, rtol=1e-12, atol=0.0) else term

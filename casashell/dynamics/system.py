@@ -20,7 +20,7 @@ import numpy as np
 from casashell.dynamics.air import Wind
 from casashell.engine.assembly import Assembly, Pattern
 from casashell.engine.energy import Energy
-from casashell.engine.kernels import get_kernel
+from casashell.engine.kernels import Kernel, get_kernel
 from casashell.typing import BoolArray, FloatArray, IntArray
 
 
@@ -102,6 +102,7 @@ class System:
         self.free: BoolArray = np.ones(count, dtype=bool)
         self.free[pinned] = False
         self.start: Inertia | None = None
+        self._kernels: dict[tuple[int, str], Kernel] = {}
 
     @property
     def compiled(self) -> bool:
@@ -144,7 +145,7 @@ class System:
         """Entries of d2E/dx2 at ``x`` with the negative part of every stencil left out."""
         data = np.zeros(self.pattern.nnz)
         for term in self.assembly.energies:
-            kernel = get_kernel(term.density, "hessian", interpreted=self.interpreted)
+            kernel = self._kernel(term, "hessian")
             block = kernel(x, self.rest, term.params, term.stencils, x)[-1]
             if not block.size:
                 continue
@@ -195,12 +196,17 @@ class System:
         if self._drag is None:
             return np.zeros_like(x), None
         start = self._begun()
-        kernel = get_kernel(self._blown.density, name, interpreted=self.interpreted)
         x = np.ascontiguousarray(x)
-        blocks = kernel(x, start.x, self._drag, self.faces, x)
+        blocks = self._kernel(self._blown, name)(x, start.x, self._drag, self.faces, x)
         index = (3 * self.faces[:, :, None] + np.arange(3)).ravel()
         total = np.bincount(index, blocks[0].ravel(), minlength=x.size).reshape(-1, 3)
         return np.asarray(total, dtype=np.float64), blocks[1] if name == "hessian" else None
+
+    def _kernel(self, term: Energy, name: str) -> Kernel:
+        key = id(term), name
+        if key not in self._kernels:
+            self._kernels[key] = get_kernel(term.density, name, interpreted=self.interpreted)
+        return self._kernels[key]
 
     def action(self, d: FloatArray) -> float:
         """The function of d whose slope is g(d) [J]."""
@@ -212,7 +218,7 @@ class System:
         if self.damping.mass:
             total += 0.5 * self.damping.mass / h * float(self.mass @ (d * d).sum(axis=1))
         if self._drag is not None:
-            kernel = get_kernel(self._blown.density, "energy", interpreted=self.interpreted)
+            kernel = self._kernel(self._blown, "energy")
             total += float(kernel(x, start.x, self._drag, self.faces, x)[0].sum())
         if self._viscous is not None:
             flat = d.ravel()
