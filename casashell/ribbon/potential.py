@@ -128,6 +128,10 @@ class Potential:
             contacts=self.contacts,
         )
 
+    def with_coordinates(self, coordinates: Coordinates) -> Potential:
+        """The same in other unknowns of the same ribbon."""
+        return replace(self, coordinates=coordinates)
+
     def with_terms(self, *more: Term) -> Potential:
         """The same with more terms of neighbouring stations."""
         return replace(self, terms=self.terms.with_terms(more))

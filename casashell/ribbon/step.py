@@ -27,6 +27,7 @@ from casashell.ribbon.potential import Potential
 from casashell.ribbon.program import Multipliers, Outcome, Program, Stop
 from casashell.ribbon.resample import History, Resample, Rims, abscissae, piece_of
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.saddles import left
 from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.ribbon.touch import Touch
@@ -58,7 +59,7 @@ class Rule:
     feasibility of conditions, in their own units
     proximal  m of  m D W / (2 l) (c - c^n)^2, as if every crease were bent by sqrt(m) more: rulings of
               a flat strip are free to run, and an optimiser runs after them.  Vanishes with the step.
-              None: 0 for "augmented", which has none in the paper, 3e-4 (a degree) otherwise
+              None: 0 for "augmented", which has none in the paper, 5e-4 (1.3 degrees) otherwise
     iterations most of one minimisation; None: 3000 for "augmented", 500 for "ipopt"
     Raises ValueError for names that are not known.
     """
@@ -99,7 +100,7 @@ class Rule:
     @property
     def hold(self) -> float:
         """The weight of the proximal term asked for, or the one that suits the solver."""
-        usual = {"augmented": 0.0, "ipopt": 3e-4}
+        usual = {"augmented": 0.0, "ipopt": 5e-4}
         return usual[self.solver] if self.proximal is None else self.proximal
 
     @property
@@ -244,6 +245,8 @@ def advance(task: Task, physics: RibbonPhysics, rule: Rule) -> Proposed:
     z = _best_start(potential, [space.pack(s) for s in starts])
     boxed = np.arange(space.size) < space.creases
     outcome = solve(potential.program(z), rule, boxed, task.past.multipliers)
+    if rule.solver == "ipopt":
+        outcome = left(potential, outcome, lambda at: solve(potential.program(at), rule, boxed))
     shape = space.strip(outcome.z)
     return Proposed(space.state(outcome.z), rim_points(shape), outcome)
 
