@@ -69,7 +69,7 @@ def helix(physics: RibbonPhysics) -> Scene:
 def torsion(physics: RibbonPhysics) -> Scene:
     """A strip 10 x 1, clamped, pulled at its end and twisted there by a turn, then held.
 
-    From 1.2 turns on it would writhe and be pressed against itself for long (docs/ribbons.md).
+    From 1.2 turns on it would writhe and be pressed against itself (docs/ribbons.md).
     """
     strip = Ribbon(10.0, 1.0, 20, 1.0, 1.0)
     pull = Load(strip.length, 0.0, Course.constant((20.0, 0.0, 0.0)))

@@ -130,8 +130,10 @@ class Collider:
             new = detector.rows(x)
             if len(new) == 0:
                 return self._described(detector, x, number, rows, multipliers, False)
-            rows = Rows.joined([rows, new]).without_repeats()
-            correction = program.solve(rows, detector.proposed)
+            rows = Rows.joined([rows, new]).without_repeats()  # the old ones stay in front
+            carrying = multipliers > _ACTIVE * multipliers.max(initial=0.0)
+            known = np.pad(carrying, (0, len(rows) - len(carrying)))
+            correction = program.solve(rows, detector.proposed, known)
             if correction is None:
                 return None
             x, multipliers = correction.positions, correction.multipliers

@@ -24,7 +24,7 @@ from scipy import sparse
 
 from casashell.ribbon.bodies import Bodies
 from casashell.ribbon.impacts import Rows
-from casashell.typing import AnyArray, FloatArray, IntArray
+from casashell.typing import AnyArray, BoolArray, FloatArray, IntArray
 
 # Programs in which rows are taken in one a vertex.
 _CAREFUL = 3
@@ -65,15 +65,22 @@ class ImpactProgram:
         result: AnyArray = (sparse.diags(bodies.masses) + laplacian).tocsr()
         return result
 
-    def solve(self, rows: Rows, proposed: FloatArray) -> Correction | None:
+    def solve(
+        self, rows: Rows, proposed: FloatArray, known: BoolArray | None = None
+    ) -> Correction | None:
         """The corrected positions, strips without a row left alone; None if rows contradict.
 
         Most rows follow from others.  So the program starts with the most violated row of each
         vertex and takes in more, in the end all that are violated, until the answer satisfies
-        every row.
+        every row.  Rows that are ``known`` (C,) to carry something are taken from the beginning.
         """
-        taken = np.zeros(len(rows), dtype=np.bool_)
+        taken = np.zeros(len(rows), dtype=np.bool_) if known is None else known.copy()
         x, multipliers = proposed, np.zeros(len(rows))
+        if taken.any():
+            answer = self._solve(rows.subset(taken), proposed)
+            if answer is None:
+                return None
+            x, multipliers[taken] = answer.positions, answer.multipliers
         attempt = 0
         while True:
             missing = rows.bounds - rows.values(x)
@@ -102,6 +109,7 @@ class ImpactProgram:
         missing = (rows.bounds - rows.values(proposed)) / length
         settings = clarabel.DefaultSettings()
         settings.verbose = False
+        settings.max_threads = 1  # of so small systems more threads only wait for each other
         cones = [clarabel.NonnegativeConeT(len(rows))]
         solver = clarabel.DefaultSolver(
             objective, np.zeros(3 * len(ids)), -j, -missing, cones, settings

@@ -7,9 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from casashell.app.ribbon_scenes import builtin_setup
 from casashell.ribbon.dynamics import simulate
 from casashell.ribbon.record import RibbonSimulation, RunStatus
 from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.rigid_zones import Unresolved
 from casashell.ribbon.scene import Body, Scene, vertex_masses
 from casashell.ribbon.step import Mass
 from casashell.typing import FloatArray
@@ -75,3 +77,28 @@ def test_an_impact_stops_and_does_not_rebound(share: float, left: float) -> None
     moved = heights(0.4, lambda start, end: end - share * (end - start))
     np.testing.assert_allclose(np.diff(moved)[2:] / H, 0.4 * left, atol=1e-6)
     np.testing.assert_allclose(np.diff(moved)[1] / H, 0.4 * (1.0 - share), atol=1e-6)
+
+
+def test_a_response_that_fails_is_tried_in_parts() -> None:
+    """No way out of a motion above 3 mm a step: 8 mm are made in quarters."""
+
+    def collide(start: Sequence[FloatArray], end: Sequence[FloatArray]) -> Sequence[FloatArray]:
+        if np.abs(end[0] - start[0]).max() > 3e-3:
+            raise Unresolved("too far")
+        return end
+
+    sim = simulate(Scene((body(0.0, 0.8),), PHYSICS, NONE, collide=collide), 2 * H, H)
+    assert sim.status is RunStatus.COMPLETE, sim.message
+    np.testing.assert_array_equal(sim.parts[1:], 4.0)
+    rise = np.diff(sim.tracks[0].middle[:, :, 2].mean(axis=1))
+    np.testing.assert_allclose(rise, 0.8 * H, atol=1e-6)
+
+
+def test_two_chains_of_loops_with_twice_their_step() -> None:
+    """Past 0.12 s, where links first pull on each other, every step whole and nothing gained."""
+    scene = builtin_setup("double-chain").scene
+    sim = simulate(scene, 0.14, 0.02)
+    assert sim.status is RunStatus.COMPLETE, sim.message
+    assert sim.parts.max() == 1
+    total = sim.energies.sum(axis=(1, 2))
+    assert np.all(np.diff(total) < 0.0)
