@@ -30,6 +30,8 @@ def left(potential: Potential, found: Outcome, solve: Solve) -> Outcome:
     """``found``, or what ``solve`` finds from beside it when it is a saddle and that is lower."""
     if found.stop is not Stop.CONVERGED or potential.touch is not None:
         return found
+    if _convex(potential, found):
+        return found
     space = potential.coordinates
     state = space.state(found.z)
     plain = Coordinates(space.ribbon, space.base, space.floating, increments=False)
@@ -45,3 +47,15 @@ def left(potential: Potential, found: Outcome, solve: Solve) -> Outcome:
     lower = other.stop is Stop.CONVERGED and other.objective < found.objective
     inner, tries = found.inner + other.inner, found.evaluations + other.evaluations
     return replace(other, inner=inner, evaluations=tries) if lower else found
+
+
+def _convex(potential: Potential, found: Outcome) -> bool:
+    """Whether a factorisation shows at once that no direction is downhill."""
+    hessian = potential.hessian(found.z, found.multipliers.equality)
+    slopes = potential.equalities(found.z)[1]
+    weight = np.abs(np.diag(hessian)).max() / max(np.square(slopes).sum(), 1e-300)
+    try:
+        np.linalg.cholesky(hessian + weight * slopes.T @ slopes)
+    except np.linalg.LinAlgError:
+        return False
+    return True
