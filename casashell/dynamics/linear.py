@@ -66,6 +66,7 @@ class LinearStep:
         self._factored: _Factored | None = None
         self._base: _Factored | None = None  # whose factor the solver has
         self._patch: Patch | None = None  # of that factor
+        self._recent: tuple[Balance, _Factored, FloatArray] | None = None
 
     def prepare(self, entries: FloatArray) -> None:
         """Analyse with the entries of A at the start of the run, as every run of it does.
@@ -84,7 +85,7 @@ class LinearStep:
 
     def forget(self) -> None:
         """The factor kept is of no use any more."""
-        self._factored = self._base = self._patch = None
+        self._factored = self._base = self._patch = self._recent = None
 
     def fits(self, touches: Touches, law: NaturalMap, h: float) -> bool:
         """Whether the factor kept belongs to the same touches in the same states, and step."""
@@ -104,21 +105,21 @@ class LinearStep:
         made.data = self._pinned(made.matrix(), entries)
         self._factor(made)
 
-    def adapt(self, touches: Touches, law: NaturalMap) -> bool:
-        """Take other branches of the law with the A that was factored; False when too many changed."""
+    def adapt(self, touches: Touches, law: NaturalMap, h: float) -> bool:
+        """Take other branches of the law with the A that was factored; False when there is none."""
         base = self._base
-        if base is None or base.kind == "symmetric":
+        if base is None or base.kind == "symmetric" or base.h != h:
             return False
-        made = _Factored(self.system, base.entries, touches, law, base.h, base.kind)
+        made = _Factored(self.system, base.entries, touches, law, h, "unpivoted")
         force, motion = made.by_force - base.by_force, made.by_motion - base.by_motion
         changed = np.flatnonzero((force != 0.0).any(axis=(1, 2)) | (motion != 0.0).any(axis=(1, 2)))
-        if len(changed) > _CHANGED:
-            return False
         if self._patch is None:
             matrix = self.system.pattern.matrix(base.entries)
             self._patch = Patch(matrix, self._solver(base.kind).solve)
-        if len(self._patch.missing(changed)) > _NEW:
-            return False
+        if len(changed) > _CHANGED or len(self._patch.missing(changed)) > _NEW:
+            self.factor(base.entries, touches, law, h)
+            return True
+        made.kind = base.kind
         self._patch.change(changed, force[changed], motion[changed])
         self._factored = made
         return True
@@ -172,13 +173,17 @@ class LinearStep:
     def solve_motion(self, at: Balance) -> FloatArray:
         """The displacements (V,3) [m] of Newton's correction alone."""
         made = self._kept()
+        if self._recent is not None and self._recent[0] is at and self._recent[1] is made:
+            return self._recent[2]  # a move that was tried is often the next one made
         rhs, known = made.right_side(at)
         flat = rhs.ravel()
         if made is not self._base and self._patch is not None:
             d = self._patch.solve(flat)
         else:
             d = self._solve_exactly(made, flat)
-        return np.asarray(d.reshape(-1, 3) + known if known is not None else d.reshape(-1, 3))
+        moved = np.asarray(d.reshape(-1, 3) if known is None else d.reshape(-1, 3) + known)
+        self._recent = at, made, moved
+        return moved
 
     def _solve_exactly(self, made: _Factored, flat: FloatArray) -> FloatArray:
         d = self._solver(made.kind).solve(flat)

@@ -128,7 +128,7 @@ class StepSolver:
         for count in range(1, BUDGET + 1):
             if move is None:
                 tried = watch.jammed(at)
-                move = self._adapted(touches, at) if tried is None and count > 1 else None
+                move = self._adapted(touches, at, h) if tried is None and count > 1 else None
                 if move is None:
                     move, at = self._fresh(touches, d, f, h, energy, tried)
             size, before = _length(move.d), at.size
@@ -157,9 +157,9 @@ class StepSolver:
         tangled = watch.whole > watch.waited // 2
         return Solved(best.d, best.f, best.residual, count, small, tangled, balanced)
 
-    def _adapted(self, touches: Touches, at: Balance) -> Move | None:
+    def _adapted(self, touches: Touches, at: Balance, h: float) -> Move | None:
         """Correction by the factor kept with changed branches, where contact is what is off."""
-        if at.force_size > _STRAIGHT * at.size or not self.linear.adapt(touches, at.law):
+        if at.force_size > _STRAIGHT * at.size or not self.linear.adapt(touches, at.law, h):
             return None
         move = self.linear.solve(at)
         return move if np.isfinite(move.d).all() else None
