@@ -115,13 +115,12 @@ class Stepper:
     def _solve(self, touches: Touches, state: State, h: float) -> Solved:
         """The step by Newton's method, or by a sequence of linear ones when that fails."""
         f = state.forces[touches.body, touches.vertex]
-        d = self._guess(state, h)
         push = (f * touches.normal).sum(axis=1)
         drag = np.linalg.norm(f - push[:, None] * touches.normal, axis=1)
         stuck = (push > 0.0) & (drag < (1.0 - _LIMIT) * touches.friction * push)
         touches = _softened(touches, push > 0.0)
         settled = touches.carried - touches.gap[:, None] * touches.normal
-        d[touches.vertex[stuck]] = settled[stuck]
+        d = self._guess(state, h, touches.vertex[stuck], settled[stuck])
         solved = self.solver.solve(touches, d, f, h)
         if not solved.converged and not solved.balanced:
             solved = self.solver.solve(touches, d, f, h, energy=True)
@@ -130,14 +129,35 @@ class Stepper:
             solved = solve_sequence(self.solver, touches, d, f, h)
         return solved
 
-    def _guess(self, state: State, h: float) -> FloatArray:
-        """Displacements (V,3) m to begin with: the motion goes on, unless that would crush the shell."""
-        d = h * state.v
-        d[~self.system.free] = 0.0
-        actions = [self.system.action(share * d) for share in _SHARES]
+    def _guess(self, state: State, h: float, stuck: IntArray, settled: FloatArray) -> FloatArray:
+        """Displacements (V,3) m to begin with, vertices that stick carried along.
+
+        The motion goes on, unless that would crush the shell: then less of it, or as much as seen
+        from a body that has changed its own motion, whichever has the least action.
+        """
+        onward = h * state.v
+        tries = [share * onward for share in _SHARES]
+        tries += [onward + change for change in self._changes(state, h)]
+        for d in tries:
+            d[~self.system.free] = 0.0
+            d[stuck] = settled
+        actions = [self.system.action(d) for d in tries]
         least = int(np.nanargmin([*actions, np.finfo(float).max]))
-        crushed = least > 0 and not actions[0] <= actions[least] + self.solver.noticed
-        return _SHARES[min(least, len(_SHARES) - 1)] * d if crushed else d
+        if least == len(tries):
+            return tries[len(_SHARES) - 1]
+        return tries[0] if actions[0] <= actions[least] + self.solver.noticed else tries[least]
+
+    def _changes(self, state: State, h: float) -> list[FloatArray]:
+        """How much farther (V,3) m each body carries the shell in this step than in one before it."""
+        x, now = state.x, state.time
+        found = []
+        for watch in self.detector.watches:
+            ahead = watch.body.carry(x, now, now + h)
+            behind = watch.body.carry(x, now, max(now - h, 0.0))
+            change = (ahead - x) - (x - behind)
+            if change.any():
+                found.append(change)
+        return found
 
     def _accept(
         self, state: State, touches: Touches, solved: Solved, h: float, end: float, tally: Tally

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from meshes import cap, grid
 from posed import G, sheet
+from small_scenes import hat_on_ball
 
+import casashell
 from casashell.contact.mesh_obstacle import MeshObstacle
 from casashell.contact.obstacles import Plane, Sphere
 from casashell.dynamics.bodies import DeformingBody, RigidBody
 from casashell.dynamics.motion import MeshSequence, RigidMotion
 from casashell.dynamics.simulate import simulate
 from casashell.dynamics.simulation import SimulationStatus
+from casashell.dynamics.stepper import Stepper
 from casashell.mesh import TriMesh
 
 
@@ -163,3 +166,15 @@ def test_motions_that_do_not_suit_the_scene_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=words):
             simulate(result, 0.5, motion=motion)  # type: ignore[arg-type]
+
+
+def test_a_first_guess_follows_a_body_that_starts_to_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The motion is the same without, but takes more iterations."""
+    result = casashell.solve(hat_on_ball())
+    turning = RigidMotion(np.array([0.0, 1.0]), rotation=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]])
+    run = simulate(result, 0.1, motion=turning)
+    monkeypatch.setattr(Stepper, "_changes", lambda self, state, h: [])
+    other = simulate(result, 0.1, motion=turning)
+    assert run.status is SimulationStatus.COMPLETE
+    assert run.iterations < other.iterations
+    assert run.positions == pytest.approx(other.positions, abs=1e-9)
