@@ -79,7 +79,8 @@ BLENDER_SCRIPT: Final = '''\
 
 The cloth reads its rest lengths from the mesh before the modifier on every frame (dynamic mesh), so a
 shape key "rest" at 0 on the first frame and at 1 from the second puts the pose first and the natural
-shape under it.  Blender's cloth knows edge lengths, not angles in our sense; set pins and colliders.
+shape under it, lengths and (with bending springs of the angular kind) angles; a rest shape key alone does
+nothing.  Stiffness has other units there: set it, pins and colliders by hand.
 """
 
 import bpy
