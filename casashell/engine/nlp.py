@@ -179,6 +179,8 @@ def minimise(
         "acceptable_iter": 0,  # an acceptable point is not an answer
         "nlp_scaling_method": "none",
         "bound_relax_factor": 0.0,  # a bound is a bound
+        # Dependent constraints, as without friction: with Ipopt's 1e-8 rounding decides what happens.
+        "jacobian_regularization_value": 1e-6,
         **(options or {}),
     }
     with _interrupts_wait() as waiting:
