@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from meshes import grid
+from posed import sheet
 
+from casashell.contact.obstacles import Plane
+from casashell.dynamics import linear
 from casashell.dynamics.patch import Patch
-from casashell.engine.sparse_solver import make_solver
+from casashell.dynamics.simulate import simulate
+from casashell.engine.sparse_solver import SingularMatrix, make_solver
 from casashell.typing import FloatArray
 
 
@@ -79,3 +84,27 @@ def test_unpivoted_factor_solves_dominant_matrices(backend: str) -> None:
     right = np.linspace(-1.0, 1.0, 120)
     assert matrix @ solver.solve(right) == pytest.approx(right, abs=1e-12)
     assert solver.negative_eigenvalues is None
+
+
+def test_pivots_from_anywhere_give_the_same_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no solution without pivoting is good enough, each factor is made once more."""
+    result = sheet(grid(4, 3, 0.05, 0.05), (Plane((0.3, 0.0, 1.0), 0.0, friction=0.2),))
+    usual = simulate(result, 0.1)
+    monkeypatch.setattr(linear, "_POOR", -1.0)
+    pivoted = simulate(result, 0.1)
+    assert usual.contact.any()
+    assert pivoted.factorizations > usual.factorizations
+    assert pivoted.positions == pytest.approx(usual.positions, abs=1e-10)
+
+
+def test_a_zero_on_the_diagonal_calls_for_pivots() -> None:
+    """Without pivoting the matrix cannot be factored, or not well; with it, it can."""
+    swap = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
+    matrix = sp.csr_array(swap + 0.0)
+    dense = sp.csr_array(np.ones((6, 6)))
+    solver = make_solver(dense.indptr, dense.indices, "unpivoted")
+    with pytest.raises(SingularMatrix):
+        solver.factor(matrix.toarray().ravel())
+    general = make_solver(dense.indptr, dense.indices, "general")
+    general.factor(matrix.toarray().ravel())
+    assert general.solve(np.arange(6.0)) == pytest.approx(matrix.T @ np.arange(6.0))
