@@ -10,11 +10,12 @@ import numpy as np
 from casashell.engine.threads import one_thread
 from casashell.ribbon.loops import circle, moebius
 from casashell.ribbon.physics import RibbonPhysics
-from casashell.ribbon.ribbon import Ribbon, RibbonState
+from casashell.ribbon.ribbon import Ribbon, RibbonState, uncrossed
 from casashell.ribbon.statics import Equilibrium, Method, Setting, equilibrium
 from casashell.typing import FloatArray
 
-#: A Moebius band is first closed this narrow (length / width) and with so many segments at most.
+#: A Moebius band is first closed with this length / width and with so many segments at most: in narrower
+#: ones a coarse mesh has minima of its own, with uneven rulings, 16 % above the lowest.
 NARROW, COARSE = 20.0, 30
 #: Largest step of the half-width towards the widest band, as a part of the rest of the way.
 WIDENED = 0.35
@@ -29,14 +30,14 @@ def closed(
 ) -> Equilibrium:
     """The loop or the Moebius band with half a twist which ``ribbon`` is at rest.
 
-    A Moebius band is closed narrow and coarse, then refined, then widened.  Raises ValueError for an
-    open ribbon.
+    A Moebius band is closed narrow and coarse, then refined, then widened or narrowed.  Raises
+    ValueError for an open ribbon.
     """
     if not ribbon.closed:
         raise ValueError(f"ends are {ribbon.ends!r}: only a loop or a Moebius band is closed")
     if ribbon.ends == "loop":
         return equilibrium(ribbon, physics, setting, start=circle(ribbon), method=method)
-    width = min(ribbon.width, ribbon.length / NARROW)
+    width = ribbon.length / NARROW
     coarse = min(ribbon.segments, COARSE)
     narrow = replace(ribbon, width=width)
     first, _ = refined(narrow, RibbonState(*np.zeros((2, ribbon.segments - 1))), coarse)
@@ -46,6 +47,8 @@ def closed(
     found = min(bands, key=lambda band: (not band.certified, band.energy))
     narrow, start = refined(first, found.state, ribbon.segments)
     widest = ribbon.length / math.sqrt(3.0)
+    if width > ribbon.width:
+        start = equilibrium(narrow, physics, start=start).state
     while width < ribbon.width:
         found = equilibrium(narrow, physics, start=start)
         width = min(ribbon.width, width + WIDENED * (widest - width))
@@ -75,18 +78,9 @@ def refined(ribbon: Ribbon, state: RibbonState, segments: int) -> tuple[Ribbon, 
     )
 
 
-def uncrossed(ribbon: Ribbon, slopes: FloatArray) -> FloatArray:
-    """Slopes (N-1,) near the given ones whose rulings keep the ribbon's margin.
-
-    The largest function below them that nowhere turns too fast, cut to what the ends allow.
-    """
-    turn = 0.999 * ribbon.most_turn
-    at = np.arange(1, ribbon.segments)
-    apart = turn * np.abs(at[:, None] - at[None, :])
-    reach = turn * np.minimum(at, ribbon.segments - at)
-    return np.asarray(np.clip((slopes[None, :] + apart).min(axis=1), -reach, reach))
-
-
 def _spread(values: FloatArray, old: int, new: int) -> FloatArray:
     at = np.arange(1, new) / new
     return np.interp(at, np.arange(1, old) / old, values)
+
+
+__all__ = ["closed", "refined", "uncrossed"]

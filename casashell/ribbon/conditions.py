@@ -12,7 +12,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from casashell.ribbon.chain import COORDINATES, NORMAL, TOP, cross
+from casashell.ribbon.chain import BOTTOM, COORDINATES, NORMAL, TOP, cross
 from casashell.ribbon.composite import Placed
 from casashell.ribbon.terms import Term
 from casashell.typing import FloatArray, IntArray
@@ -22,18 +22,21 @@ def table_rows(placed: Placed, rows: IntArray) -> FloatArray:
     """(3 k, 6 + 2 (N+1)) derivative of ``rows`` (k,) of the station table, as `Placed.gradient`."""
     twists = np.concatenate([placed.base_twists, placed.twists.reshape(-1, 6)])
     pivot, table = placed.pivot, placed.shape.table
-    made = np.zeros((len(rows), 3, len(twists)))
-    for entry, row in zip(made, rows, strict=True):
-        station, kind = divmod(int(row), 4)
-        own = 6 + 2 * station
-        if kind == COORDINATES:
-            entry[0, own] = entry[1, own + 1] = 1.0
-        elif kind == NORMAL:
-            entry[:, : own + 2] = cross(twists[: own + 2, :3], table[row]).T
-        else:
-            spin, moved = twists[:own, :3], twists[:own, 3:]
-            entry[:, :own] = (moved + cross(spin, table[row] - pivot)).T
-            entry[:, own] = (1.0 if kind == TOP else -1.0) * placed.shape.slide[station]
+    station, kind = np.divmod(rows, 4)
+    own = 6 + 2 * station
+    point, normal = (kind == BOTTOM) | (kind == TOP), kind == NORMAL
+    places = table[rows] - np.where(normal[:, None], 0.0, pivot)
+    # Rates of all rows for all twists, then zero for creases behind a row.
+    made = cross(twists[None, :, :3], places[:, None])
+    made[point] += twists[:, 3:]
+    reach = np.where(point, own, np.where(normal, own + 2, 0))
+    made[np.arange(len(twists)) >= reach[:, None]] = 0.0
+    made = np.swapaxes(made, 1, 2).copy()
+    at = np.flatnonzero(point)
+    side = np.where(kind[at] == TOP, 1.0, -1.0)
+    made[at, :, own[at]] = side[:, None] * placed.shape.slide[station[at]]
+    flat = np.flatnonzero(kind == COORDINATES)
+    made[flat, 0, own[flat]] = made[flat, 1, own[flat] + 1] = 1.0
     return made.reshape(-1, len(twists))
 
 

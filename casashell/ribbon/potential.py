@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from casashell.ribbon.composite import Placed
 from casashell.ribbon.conditions import Condition, Far, table_rows
 from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.program import Program
@@ -34,6 +35,7 @@ class Potential:
     conditions: tuple[Condition, ...] = ()
     limits: tuple[Limit, ...] = ()
     touch: Touch | None = None
+    _last: list[tuple[FloatArray, Placed]] = field(init=False, repr=False, default_factory=list)
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -52,28 +54,34 @@ class Potential:
         more = [side for limit in self.limits for side in (limit.upper, -limit.lower)]
         return np.append(self.coordinates.bound, more)
 
+    def _placed(self, z: FloatArray) -> Placed:
+        """The strip at z; kept, since solvers ask for values and derivatives at one z apart."""
+        if not (self._last and np.array_equal(self._last[0][0], z)):
+            self._last[:] = [(z.copy(), self.coordinates.placed(z))]
+        return self._last[0][1]
+
     def energy(self, z: FloatArray) -> float:
         """Sum of all terms [J]."""
-        table = self.coordinates.strip(z).table
+        table = self._placed(z).shape.table
         return self.terms.energy(table) + sum(
             float(term.run("energy", table)[0].sum()) for term in self.far
         )
 
     def objective(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Value and gradient (n,), both over the unit."""
-        shape = self.coordinates.strip(z)
-        table = shape.table
+        placed = self._placed(z)
+        table = placed.shape.table
         value, gradient = self.terms.energy(table), self.terms.gradient(table)
         for term in self.far:
             value += float(term.run("energy", table)[0].sum())
             gradient[term.stencils[0]] += term.run("gradient", table)[0].reshape(-1, 3)
-        full = self.coordinates.placed(z, shape).gradient(gradient)
+        full = placed.gradient(gradient)
         return value / self.unit, self.coordinates.rows(full) / self.unit
 
     def hessian(self, z: FloatArray, multipliers: FloatArray) -> FloatArray:
         """(n,n) second derivative of objective + multipliers . (C, G)."""
-        shape = self.coordinates.strip(z)
-        placed = self.coordinates.placed(z, shape)
+        placed = self._placed(z)
+        shape = placed.shape
         gradient, buffer = self.terms.second(shape.table)
         apart = [Far.of(term, shape.table) for term in self.far]
         apart += [Far.of(term, shape.table) for term in self._weighed(multipliers * self.unit)]
@@ -99,8 +107,8 @@ class Potential:
         """C (m,) and its derivative (m,n)."""
         if not self.conditions:
             return np.empty(0), np.empty((0, len(z)))
-        shape = self.coordinates.strip(z)
-        placed = self.coordinates.placed(z, shape)
+        placed = self._placed(z)
+        shape = placed.shape
         values = [c.values(shape.table) for c in self.conditions]
         slopes = [c.slopes(shape.table) @ table_rows(placed, c.rows) for c in self.conditions]
         return np.concatenate(values), self.coordinates.rows(np.concatenate(slopes))
@@ -109,9 +117,9 @@ class Potential:
         """G (q,) and its derivative (q,n)."""
         if self.touch is None:
             return np.empty(0), np.empty((0, len(z)))
-        shape = self.coordinates.strip(z)
-        slopes = self.touch.slopes(self.coordinates.placed(z, shape))
-        return self.touch.values(shape.table), self.coordinates.rows(slopes)
+        placed = self._placed(z)
+        slopes = self.touch.slopes(placed)
+        return self.touch.values(placed.shape.table), self.coordinates.rows(slopes)
 
     def program(self, start: FloatArray, *, second: bool = True) -> Program:
         """The program of least energy from ``start`` (n,)."""

@@ -233,3 +233,15 @@ def flat(ribbon: Ribbon) -> RibbonState:
     """The ribbon flat in the plane z = 0, its centreline on the x axis."""
     zeros = np.zeros(ribbon.segments - 1)
     return RibbonState(zeros, zeros)
+
+
+def uncrossed(ribbon: Ribbon, slopes: FloatArray) -> FloatArray:
+    """Slopes (N-1,) near the given ones whose rulings keep the ribbon's margin.
+
+    The largest function below them that nowhere turns too fast, cut to what the ends allow.
+    """
+    turn = 0.999 * ribbon.most_turn
+    at = np.arange(1, ribbon.segments)
+    apart = turn * np.abs(at[:, None] - at[None, :])
+    reach = turn * np.minimum(at, ribbon.segments - at)
+    return np.asarray(np.clip((slopes[None, :] + apart).min(axis=1), -reach, reach))

@@ -11,8 +11,9 @@ from casashell.ribbon.potential import Potential
 from casashell.ribbon.ribbon import RibbonState
 from casashell.typing import FloatArray
 
-#: A bound or inequality closer than this is taken to hold with equality.
-ACTIVE = 1e-7
+#: A bound or inequality closer than this is taken to hold with equality: Ipopt keeps some 1e-9 over its
+#: multiplier away from one.
+ACTIVE = 1e-6
 #: Curvature over D W / l, which is that of one angle, below which the energy is as good as level:
 #: solvers cannot follow it, and rulings where a ribbon is nearly straight cost no more than that.
 NEUTRAL = 1e-8

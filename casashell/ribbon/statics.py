@@ -20,7 +20,7 @@ from casashell.ribbon.mixed import mixed
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.potential import Potential
 from casashell.ribbon.program import Outcome, Stop
-from casashell.ribbon.ribbon import Ribbon, RibbonState, flat
+from casashell.ribbon.ribbon import Ribbon, RibbonState, flat, uncrossed
 from casashell.ribbon.stability import Stability, stability
 from casashell.ribbon.taut import held_points
 from casashell.ribbon.terms import Term, Terms
@@ -228,7 +228,8 @@ def _aside(found: Equilibrium) -> RibbonState:
     space = Coordinates(found.ribbon, found.state, found.ribbon.ends == "free", increments=False)
     away = found.stability.direction
     z = space.pack(found.state) + ASIDE / np.abs(away).max() * away
-    return space.state(np.clip(z, space.lower, space.upper))
+    state = space.state(np.clip(z, space.lower, space.upper))
+    return replace(state, slopes=uncrossed(found.ribbon, state.slopes))
 
 
 def _minimum(

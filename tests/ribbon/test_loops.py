@@ -127,3 +127,27 @@ def test_refined_bands_keep_their_shape() -> None:
     state.checked(finer)
     first, second = reconstruct(ribbon, coarse), reconstruct(finer, state)
     assert np.abs(second.middle[::2] - first.middle).max() < 0.05
+
+
+def test_narrow_bands_on_a_coarse_mesh_end_in_the_lowest_minimum() -> None:
+    """60 segments, L / W = 63: U = 6.83 with uneven rulings when closed that narrow; 5.87 with 240."""
+    ribbon = Ribbon(
+        2 * np.pi, 0.1, 60, ends="moebius", energy="wunderlich", margin=0.02, regulariser=1e-6
+    )
+    found = closed(ribbon, PHYSICS).require()
+    assert 2.0 * over_circle(found) == pytest.approx(5.87, rel=0.01)
+
+
+def test_bands_whose_rulings_meet_are_certified() -> None:
+    """L / W = 15, 240 segments: six rulings at their limits, one of them within 1e-7 of it."""
+    ribbon = Ribbon(
+        2 * np.pi,
+        2 * np.pi / 15,
+        240,
+        ends="moebius",
+        energy="wunderlich",
+        margin=0.02,
+        regulariser=1e-6,
+    )
+    found = closed(ribbon, PHYSICS).require()
+    assert 2.0 * over_circle(found) == pytest.approx(6.06, abs=0.01)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+import casashell.ribbon.dynamics as dynamics
 import casashell.ribbon.pressed as pressed
 from casashell.app.ribbon_setup import Actions, Course, Load, Twist
 from casashell.app.ribbon_shapes import waved
@@ -15,11 +17,13 @@ from casashell.ribbon.chain import BOTTOM, TOP, reconstruct
 from casashell.ribbon.coordinates import Coordinates
 from casashell.ribbon.dynamics import simulate
 from casashell.ribbon.exact import exact
+from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.potential import Potential
 from casashell.ribbon.record import RibbonSimulation, RunStatus
 from casashell.ribbon.ribbon import Ribbon, RibbonState
 from casashell.ribbon.scene import Body, Guide, Scene
 from casashell.ribbon.statics import Setting
+from casashell.ribbon.step import Proposed, Rule, Task, advance
 from casashell.ribbon.touch import Touch
 from casashell.typing import FloatArray
 from formulations.ribbon import ribbon_physics
@@ -64,6 +68,21 @@ def test_a_strip_pressed_against_itself_gains_no_energy(monkeypatch: pytest.Monk
     assert gained(scene, sim) < 0.6
     monkeypatch.setattr(pressed, "ROUNDS", 0)
     assert gained(scene, simulate(scene, 4.0, 0.05)) > 20.0
+
+
+def test_a_step_is_made_again_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one solve with contacts leaves is the response's: three of them cost most of a step."""
+    solved = list[bool]()
+
+    def counted(task: Task, physics: RibbonPhysics, rule: Rule) -> Proposed:
+        solved.append(task.touch is not None)
+        return advance(task, physics, rule)
+
+    monkeypatch.setattr(dynamics, "advance", counted)
+    sim = simulate(twisted(1.8), 4.0, 0.05)
+    assert sim.status is RunStatus.COMPLETE, sim.message
+    assert sum(solved) > 2
+    assert not any(one and two for one, two in pairwise(solved))
 
 
 STRIP = Ribbon(1.0, 0.1, 8, density=1.0)

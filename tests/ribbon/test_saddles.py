@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from casashell.ribbon.holds import Attachment
 from casashell.ribbon.record import RunStatus
 from casashell.ribbon.ribbon import Ribbon
 from casashell.ribbon.scene import Body, Guide, Scene
-from casashell.ribbon.statics import Setting
+from casashell.ribbon.statics import Setting, _aside, equilibrium
 from formulations.ribbon import ribbon_physics
 
 PHYSICS = ribbon_physics()
@@ -57,3 +59,13 @@ def test_sizes_and_materials_make_no_difference(held: bool) -> None:
         counts.append(sim.inner.mean())
     np.testing.assert_allclose(tips[1:], [tips[0]] * 2, atol=1e-6)
     assert max(counts) < 1.5 * min(counts)
+
+
+def test_a_start_beside_a_saddle_keeps_rulings_uncrossed() -> None:
+    """Slopes that go to and fro by 0.05, where neighbours may differ by 0.045."""
+    ribbon = Ribbon(1.0, 1.0, 40)
+    rest = equilibrium(ribbon, PHYSICS)
+    away = np.zeros_like(rest.stability.direction)
+    away[: ribbon.segments - 1] = (-1.0) ** np.arange(ribbon.segments - 1)
+    beside = _aside(replace(rest, stability=replace(rest.stability, direction=away)))
+    assert np.abs(np.diff(beside.all_slopes)).max() < ribbon.most_turn
