@@ -20,7 +20,7 @@ from casashell.ribbon.forces import material
 from casashell.ribbon.loops import circle
 from casashell.ribbon.physics import RibbonPhysics
 from casashell.ribbon.ribbon import BendingEnergy, Ends, Ribbon, RibbonState, flat
-from casashell.ribbon.scene import Body, Guide
+from casashell.ribbon.scene import Body, Guide, require_size
 from casashell.ribbon.statics import Junction
 from casashell.typing import FloatArray
 
@@ -65,6 +65,7 @@ def read_body(values: Any, where: str, folder: Path, number: int, physics: Ribbo
     table = Table.checked(values, where, _RIBBON)
     with _at(where):
         ribbon = _ribbon(table, folder)
+        require_size(ribbon)
     begin, end = (_motion(table, key, folder) for key in ("begin", "end"))
     start = Table.checked(table.values.get("start", {}), f"{where}, [ribbon.start]", _START)
     with _at(start.where):
@@ -167,7 +168,7 @@ def resting_band(ribbon: Ribbon, physics: RibbonPhysics) -> RibbonState:
     if not found.converged:
         raise ValueError(
             f"no Moebius band of length / width {ribbon.length / ribbon.width:.3g} with "
-            f"{ribbon.segments} segments was found: take a longer or narrower strip"
+            f"{ribbon.segments} segments was found: take more segments, or a longer or narrower strip"
         )
     return found.state
 

@@ -12,6 +12,7 @@ import numpy as np
 from casashell.dynamics.motion import RigidMotion
 from casashell.ribbon import holds
 from casashell.ribbon.chain import reconstruct
+from casashell.ribbon.dynamics import MOST_STEPS
 from casashell.ribbon.forces import PointLoad
 from casashell.ribbon.holds import Attachment, HeldEnd
 from casashell.ribbon.resample import Resample
@@ -197,6 +198,12 @@ class RibbonSetup:
             value = getattr(made, name) if given is None else given
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive time in s, got {value:g}")
+        if made.seconds / made.step > MOST_STEPS:
+            raise ValueError(
+                f"step is {made.step:g} s, {made.seconds / made.step:.1e} steps for "
+                f"{made.seconds:g} s, at most {MOST_STEPS:.0e} are possible: take longer steps or "
+                "fewer seconds"
+            )
         if made.steps < 1:
             raise ValueError(
                 f"seconds is {made.seconds:g}, less than one step of {made.step:g} s: "

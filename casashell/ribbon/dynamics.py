@@ -39,6 +39,8 @@ from casashell.ribbon.step import (
 )
 from casashell.typing import BoolArray, FloatArray
 
+#: Most steps of a run.
+MOST_STEPS = 10_000_000
 #: A step that fails is made in two halves, those in two quarters, at most so often.
 HALVINGS = 5
 
@@ -231,6 +233,11 @@ def _steps(seconds: float, step: float) -> int:
         raise ValueError(f"step must be a positive time [s], got {step}")
     if not (np.isfinite(seconds) and seconds >= step * (1 - 1e-9)):
         raise ValueError(f"seconds must be at least one step of {step:g} s, got {seconds}")
+    if seconds / step > MOST_STEPS:
+        raise ValueError(
+            f"step is {step:g} s, {seconds / step:.1e} steps for {seconds:g} s, at most "
+            f"{MOST_STEPS:.0e} are possible: take longer steps or fewer seconds"
+        )
     return round(seconds / step)
 
 
@@ -274,7 +281,7 @@ class _Run:
 
     def _told(self, pasts: tuple[Past, ...], frames: list[Frame], count: int) -> bool:
         """Write a checkpoint when it is due and tell the caller; true when that asks for the end."""
-        if len(frames) % self.every == 1:
+        if (len(frames) - 1) % self.every == 0:
             self._write(pasts, frames)
         if self.callback is None:
             return False

@@ -167,8 +167,11 @@ def elastic(ribbon: Ribbon, physics: RibbonPhysics) -> tuple[Term, ...]:
 def vector(name: str, value: ArrayLike) -> FloatArray:
     """``value`` as a finite vector (3,), or ValueError."""
     made = np.array(value, dtype=np.float64)
-    if made.shape != (3,) or not np.all(np.isfinite(made)):
+    if made.shape != (3,):
         raise ValueError(f"{name} must be three finite numbers, got {value!r}")
+    if not np.all(np.isfinite(made)):
+        at = int(np.flatnonzero(~np.isfinite(made))[0])
+        raise ValueError(f"{name} must be three finite numbers, its {'xyz'[at]} is {made[at]}")
     return made
 
 

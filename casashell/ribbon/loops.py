@@ -51,8 +51,8 @@ def moebius(ribbon: Ribbon) -> tuple[RibbonState, ...]:
     if not found:
         raise ValueError(
             f"no Moebius band of length / width {ribbon.length / ribbon.width:.3g} with "
-            f"{ribbon.segments} segments to start from: take a longer or narrower strip, or start "
-            "from a narrower band's equilibrium"
+            f"{ribbon.segments} segments to start from: take more segments, "
+            "a longer or narrower strip, or start from a narrower band's equilibrium"
         )
     return tuple(state for _, state in sorted(found, key=lambda entry: entry[0]))
 

@@ -17,6 +17,8 @@ from casashell.ribbon.statics import Setting
 from casashell.ribbon.terms import Term
 from casashell.typing import ArrayLike, FloatArray
 
+#: Most quads of a ribbon that moves: a step needs several matrices of 2 N x 2 N numbers, 288 MB each.
+MOST_SEGMENTS = 3000
 #: Frame (3,3) and origin (3,) of a first quad at a time [s].
 Pose: TypeAlias = Callable[[float], tuple[ArrayLike, ArrayLike]]
 #: Positions (2,N+1,3) of all ribbons before and after a step -> the latter without interpenetration.
@@ -105,6 +107,15 @@ class Body:
         return made
 
 
+def require_size(ribbon: Ribbon) -> None:
+    """ValueError for a ribbon of more segments than a step has memory for."""
+    if ribbon.segments > MOST_SEGMENTS:
+        raise ValueError(
+            f"segments is {ribbon.segments}, a step of more than {MOST_SEGMENTS} has no room in "
+            "memory: take fewer segments"
+        )
+
+
 def vertex_masses(ribbon: Ribbon, slopes: FloatArray) -> FloatArray:
     """(2,N+1) [kg] row sums of the consistent mass on rulings with ``slopes`` (N+1,)."""
     run = 0.5 * ribbon.width * np.diff(slopes)
@@ -160,6 +171,12 @@ class Scene:
                 raise ValueError(f"{label}: {error}") from error
 
     def _check(self, body: Body) -> None:
+        require_size(body.ribbon)
+        if self.thickness > body.ribbon.width:
+            raise ValueError(
+                f"thickness is {self.thickness:g} m, more than the strip's width of "
+                f"{body.ribbon.width:g} m: take a smaller thickness"
+            )
         setting = body.at(0.0, np.asarray(self.gravity))
         slopes = body.initial.all_slopes
         setting.potential(body.ribbon, self.physics, body.initial, slopes=slopes)

@@ -145,6 +145,7 @@ def test_the_scenes_are_listed() -> None:
         ([], "--list"),
         (["cantilever", "--solver", "newton"], "augmented or ipopt"),
         (["cantilever", "--step", "0"], "step must be a positive"),
+        (["cantilever", "--step", "1e-12"], "take longer steps"),
         (["cantilever", "--seconds", "0.001"], "less than one step"),
         (["cantilever", "--formats", "avi"], "no format 'avi'"),
         (["cantilever", "--resume"], "no unfinished run"),
@@ -160,3 +161,25 @@ def test_bad_arguments_end_before_any_work(
     assert words in outcome.output
     assert "Traceback" not in outcome.output
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("segments = 8", "segments = 100000", "take fewer segments"),
+        ("step = 0.01", "step = 0.01\nthickness = 0.1", "take a smaller thickness"),
+        (
+            "width = 0.03",
+            'width = 0.114\nends = "moebius"\nstart.shape = "moebius"',
+            "take more segments",
+        ),
+    ],
+)
+def test_scenes_that_cannot_work_say_what_to_change(
+    old: str, new: str, words: str, scene: Path, tmp_path: Path
+) -> None:
+    scene.write_text(SCENE.replace(old, new))
+    outcome = run("ribbon", scene, "--out", tmp_path / "out")
+    assert outcome.exit_code == 2, outcome.output
+    assert words in " ".join(outcome.output.split())
+    assert not (tmp_path / "out").exists()
