@@ -9,6 +9,7 @@ step, as two obstacles that hold one vertex leave the split of the force open.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +76,8 @@ class LinearStep:
         must begin as the first one did.
         """
         for kind in _USUAL:
-            self._solver(kind).factor(self._pinned(entries.copy(), entries))
+            with suppress(SingularMatrix):  # the steps will say so
+                self._solver(kind).factor(self._pinned(entries.copy(), entries))
 
     def _solver(self, kind: Symmetry) -> SparseSolver:
         if kind not in self._solvers:
@@ -120,7 +122,10 @@ class LinearStep:
             self.factor(base.entries, touches, law, h)
             return True
         made.kind = base.kind
-        self._patch.change(changed, force[changed], motion[changed])
+        try:
+            self._patch.change(changed, force[changed], motion[changed])
+        except np.linalg.LinAlgError:
+            return False
         self._factored = made
         return True
 

@@ -4,7 +4,7 @@
 
 where E picks the rows of the vertices and R = dP A + dQ is what they changed by: contact takes row i of
 A to P_i A_i + Q_i.  Contact changes branches many times while the shell hardly moves; a column
-of W costs a tenth of a factor, and is kept until the next factor.
+of W costs a small part of a factor, and is kept until the next factor.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import lu_factor, lu_solve
 
 from casashell.typing import FloatArray, IntArray
 
@@ -34,7 +33,10 @@ class Patch:
         return np.array([v for v in vertices if int(v) not in self._place], dtype=np.int64)
 
     def change(self, vertices: IntArray, by_force: FloatArray, by_motion: FloatArray) -> None:
-        """From now on the rows of ``vertices`` (k,) differ by dP, dQ (k,3,3)."""
+        """From now on the rows of ``vertices`` (k,) differ by dP, dQ (k,3,3).
+
+        LinAlgError: M is singular.
+        """
         fresh = self.missing(vertices)
         if len(fresh):
             units = np.zeros((self._matrix.shape[0], 3 * len(fresh)))
@@ -49,7 +51,7 @@ class Patch:
         self._by_force, self._by_motion = by_force, by_motion
         small = self._changed(self._columns)
         small[np.diag_indices(len(small))] += 1.0
-        self._small = lu_factor(small, check_finite=False)
+        self._small = np.asarray(np.linalg.inv(small), dtype=np.float64)
 
     def _changed(self, d: FloatArray) -> FloatArray:
         """R d (3k,m) for d (3V,m)."""
@@ -61,7 +63,7 @@ class Patch:
     def solve(self, right: FloatArray) -> FloatArray:
         """M^-1 b for b (3V,)."""
         y = self._base(right)
-        share = lu_solve(self._small, self._changed(y[:, None])[:, 0], check_finite=False)
+        share = self._small @ self._changed(y[:, None])[:, 0]
         return np.asarray(y - self._columns @ share)
 
 

@@ -18,6 +18,7 @@ from casashell.dynamics.setting import (
     Setting,
     bodies_of,
     check_start,
+    in_motion,
     setting_of,
     watches_of,
 )
@@ -100,7 +101,11 @@ def simulate(
 def _system(
     setting: Setting, wind: Wind | None, damping: Damping | None, interpreted: bool
 ) -> System:
-    shell = (setting.energies, setting.rest, setting.mass, setting.pinned, setting.target.faces)
+    energies = [
+        in_motion(term, setting.start, setting.rest, interpreted=interpreted)
+        for term in setting.energies
+    ]
+    shell = (energies, setting.rest, setting.mass, setting.pinned, setting.target.faces)
     return System(*shell, wind, damping or Damping(), interpreted=interpreted)
 
 

@@ -78,7 +78,8 @@ class Stepper:
         _, entries = self.system.linearised(np.zeros_like(state.x))
         self.solver.stiffest = float(np.abs(entries).max(initial=0.0))
         blocks = self.system.blocks
-        self._stiffness: FloatArray = entries[blocks.place[blocks.diagonal]]
+        inertia = self.system.mass / self.step**2
+        self._stiffness = _upward(entries[blocks.place[blocks.diagonal]], inertia)
         for watch in self.detector.watches:
             watch.forget()
 
@@ -179,6 +180,21 @@ class Stepper:
         tally.residual = max(tally.residual, worst)
         tally.contact = np.zeros(len(v), dtype=bool)
         tally.contact[touches.vertex[push > 0.0]] = True
+
+
+def _upward(blocks: FloatArray, least: FloatArray) -> FloatArray:
+    """Stiffness (V,3,3) of each vertex, with that of its mass (V,) N/m where pressure leaves less.
+
+    The natural map needs scales above zero: below, a vertex in free air would count as pushed.
+    """
+    values, vectors = np.linalg.eigh(blocks)
+    sizes = np.abs(values)
+    floor = np.maximum(least, 1e-3 * sizes.max(axis=1))[:, None]
+    low = np.flatnonzero((values < floor).any(axis=1))
+    made = np.array(blocks)
+    kept = np.maximum(sizes[low], floor[low])
+    made[low] = (vectors[low] * kept[:, None, :]) @ vectors[low].transpose(0, 2, 1)
+    return made
 
 
 def _softened(touches: Touches, pushed: BoolArray) -> Touches:

@@ -12,8 +12,8 @@ import scipy.sparse as sp
 
 from casashell.typing import FloatArray, IntArray
 
-#: "unpivoted" is general with pivots taken from the diagonal and no scaling: a fifth to a quarter faster,
-#: and the caller has to check what it gets.
+#: "unpivoted" is general with pivots from the diagonal, and by MUMPS without scaling: a quarter faster
+#: there, and the caller has to check what it gets.
 Symmetry: TypeAlias = Literal["general", "symmetric", "unpivoted"]
 
 

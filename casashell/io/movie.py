@@ -69,10 +69,11 @@ def write_movie(
         raise ValueError(f"height must be 64 to 4320 pixels, got {height}")
     shown = picked_frames(animation, rate, speed)
     film_kind = Gif if gif else Mp4
-    title = _Title(animation, height)
+    title = Title(animation, height)
     _check_pyvista()
     with staged_file(file, overwrite=overwrite) as temporary, film_kind(temporary, rate) as film:
-        for count, picture in enumerate(_pictures(animation, shown, height, contacts)):
+        inner = height - title.band
+        for count, picture in enumerate(_pictures(animation, shown, inner, contacts)):
             film.add(title.over(picture, int(shown[count])))
             if progress is not None:
                 progress(count + 1, len(shown))
@@ -80,10 +81,13 @@ def write_movie(
 
 
 def picked_frames(animation: Animation, fps: float, speed: float = 1.0) -> AnyArray:
-    """Frame (n,) nearest in time to each picture of a film with ``fps`` pictures a second."""
+    """Frame (n,) nearest in time to each picture of a film with ``fps`` pictures a second.
+
+    The last picture is the last frame, also where it comes sooner than a picture's time.
+    """
     times = animation.times - animation.times[0]
-    count = math.floor(times[-1] * fps / speed + 1e-6) + 1
-    wanted = np.arange(count) * speed / fps
+    count = math.ceil(times[-1] * fps / speed - 1e-6) + 1
+    wanted = np.minimum(np.arange(count) * speed / fps, times[-1])
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1) if len(times) > 1 else 0
     before = np.maximum(np.asarray(after) - 1, 0)
     nearer = wanted - times[before] < times[after] - wanted
@@ -137,11 +141,22 @@ def _check_pyvista() -> None:
 
 
 @dataclass(eq=False)
-class _Title:
-    """Title, time and caption in the corners of a picture.  MovieUnavailable without pillow."""
+class Title:
+    """Title, time and caption in a band above the pictures.  MovieUnavailable without pillow."""
 
     animation: Animation
     height: int
+
+    @property
+    def band(self) -> int:
+        """Height of the band in pixels, of ``height`` for band and picture."""
+        large, small = self._fonts
+        lines = 1.5 * large.size + (1.5 * small.size if self.animation.captions else 0.0)
+        return 2 * math.ceil(0.5 * float(self._edge + lines))
+
+    @property
+    def _edge(self) -> int:
+        return round(0.015 * self.height)
 
     def __post_init__(self) -> None:
         try:
@@ -157,9 +172,13 @@ class _Title:
 
     def over(self, picture: AnyArray, frame: int) -> AnyArray:
         """The picture with the words of a frame."""
-        image = self._image.fromarray(picture)
+        tall, width = picture.shape[0] + self.band, picture.shape[1]
+        image = self._image.new(
+            "RGB", (width, tall), tuple(int(part) for part in picture[0, 0, :3])
+        )
+        image.paste(self._image.fromarray(picture), (0, self.band))
         draw = self._draw.Draw(image)
-        edge, width = round(0.025 * self.height), image.width
+        edge = self._edge
         large, small = self._fonts
         clock = f"{self.animation.times[frame]:.2f} s"
         draw.text((edge, edge), self.animation.title, _INK, large)

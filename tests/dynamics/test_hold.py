@@ -21,7 +21,7 @@ from casashell.dynamics.simulation import SimulationStatus
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
 from casashell.result import Result
-from formulations import discrete_shell
+from formulations import discrete_shell, hinge_bending
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +115,13 @@ def test_a_crushed_start_keeps_its_bending() -> None:
     kept, moved = (in_motion(bending, points, r) for r in (long, points))
     assert kept.density is bending.density
     assert moved.density is bending.in_motion
+
+
+def test_a_natural_triangle_without_area_keeps_its_bending() -> None:
+    """Its fading has no slopes: the plain density, which has, is kept."""
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.8, 0.0], [0.5, -0.8, 0.2]])
+    r = x.copy()
+    r[3] = [0.5, 0.0, 0.0]
+    bending = hinge_bending(TriMesh(x, np.array([[0, 1, 2], [1, 0, 3]])), 1e-2)
+    assert in_motion(bending, x, r).density is bending.density
+    assert in_motion(bending, x, x).density is bending.in_motion

@@ -102,7 +102,7 @@ def test_a_zero_on_the_diagonal_calls_for_pivots() -> None:
     swap = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
     matrix = sp.csr_array(swap + 0.0)
     dense = sp.csr_array(np.ones((6, 6)))
-    solver = make_solver(dense.indptr, dense.indices, "unpivoted")
+    solver = make_solver(dense.indptr, dense.indices, "unpivoted", "mumps")
     with pytest.raises(SingularMatrix):
         solver.factor(matrix.toarray().ravel())
     general = make_solver(dense.indptr, dense.indices, "general")

@@ -109,3 +109,21 @@ def test_a_jammed_contact_is_solved_by_sweeps(monkeypatch: pytest.MonkeyPatch) -
     other = simulate(falling, 0.1, velocity=(0.2, 0.0, 0.0))
     assert len(seen) >= 6
     assert np.abs(other.positions - usual.positions).max() <= 1e-7
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_crumpled_sheet_lands(seed: int, friction: float) -> None:
+    """Pressure within the sheet leaves vertices less than no stiffness; in the air nothing pushes them."""
+    flat = grid(3, 2, EDGE, EDGE)
+    flat = flat.moved(flat.vertices + np.array([0.0, 0.0, 0.01]))
+    jitter = 1e-3 * np.random.default_rng(seed).normal(size=flat.vertices.shape)
+    falling = sheet(
+        flat.moved(flat.vertices + jitter), (Plane((0.0, 0.0, 1.0), 0.0, friction=friction),)
+    )
+    run = simulate(falling, 0.1, rest=flat.vertices)
+    assert run.status is SimulationStatus.COMPLETE
+    assert run.residuals.max() <= 1e-6
+    assert run.steps.sum() <= 12
+    assert run.contact[-1].any()
+    assert run.positions[-1][:, 2].min() >= -1e-6

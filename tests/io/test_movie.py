@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from moving import moving
 
-from casashell.io.movie import MovieUnavailable, picked_frames, write_movie
+from casashell.io.movie import MovieUnavailable, Title, picked_frames, write_movie
 from casashell.typing import AnyArray
 
 
@@ -64,6 +64,20 @@ def test_nothing_touches_the_rim_of_the_picture(tmp_path: Path) -> None:
         assert not rim.any()
 
 
+def test_words_are_above_the_picture() -> None:
+    """Title and captions have a band of their own; the picture below it is untouched."""
+    pytest.importorskip("matplotlib")
+    told = replace(moving(), title="A title", captions=tuple("a caption" for _ in moving().times))
+    title = Title(told, 200)
+    picture = np.full((200 - title.band, 300, 3), 240, dtype=np.uint8)
+    picture[0, 10:] = 17  # a shell that reaches the rim
+    made = title.over(picture, 0)
+    assert made.shape == (200, 300, 3)
+    assert np.array_equal(made[title.band :], picture)
+    assert (made[: title.band] < 100).any()
+    assert (made[title.band - 2 : title.band] == 240).all()
+
+
 @pytest.mark.usefixtures("drawing")
 def test_gif_has_a_picture_for_every_frame(tmp_path: Path) -> None:
     from PIL import Image
@@ -86,6 +100,8 @@ def test_the_frame_nearest_in_time_is_shown() -> None:
     assert picked_frames(animation, 15.0).tolist() == [0, 2, 4, 6]
     assert picked_frames(animation, 30.0, speed=3.0).tolist() == [0, 3, 6]
     assert len(picked_frames(animation, 30.0, speed=0.5)) == 13
+    # Six frames at 25 pictures a second: the film ends with the last frame, a little later.
+    assert picked_frames(animation, 25.0).tolist() == [0, 1, 2, 4, 5, 6]
     uneven = replace(animation, times=np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.9, 2.0]))
     assert picked_frames(uneven, 10.0).tolist() == [0, 1, 2, 3, 4, 4, 4, 5, 5, 5, 6]
     alone = replace(
