@@ -20,7 +20,7 @@ from casashell.ribbon.step import Proposed, Task
 from casashell.typing import BoolArray, FloatArray
 
 #: Times a step is made again with the contacts found so far.  More of them find more contacts, at the
-#: price of a step each, and change no energy: the response sees to those.
+#: price of a step each; the response sees to those, without a gain of energy in a strip twisted tight.
 ROUNDS = 1
 
 Advance = Callable[[Sequence[Task]], list[Proposed]]
