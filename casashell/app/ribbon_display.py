@@ -122,4 +122,5 @@ def ended_lines(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     crossing = record["frames_with_crossings"]
     if crossing:
         lines.append(("passes through itself", f"in {crossing} frames"))
+    lines += [("note", note) for note in record["notes"]]
     return lines

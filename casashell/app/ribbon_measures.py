@@ -18,6 +18,8 @@ from casashell.ribbon.scene import Body
 from casashell.ribbon.strips import Ends, Strip, ribbon_strip, to_vertices
 from casashell.typing import FloatArray
 
+#: Error of lengths, relative, that is said aloud.
+_STRETCHED = 0.01
 #: Distances are looked for up to this part of the narrowest ribbon's width where no thickness is set.
 _NEAR: Final = 0.05
 _ADVICE: Final = {
@@ -149,8 +151,24 @@ def record_of(setup: RibbonSetup, simulation: RibbonSimulation, seconds: float) 
         },
         "settings": settings_of(setup),
     }
+    record["notes"] = notes_on(record)
     plain: dict[str, Any] = _plain(record)
     return plain
+
+
+def notes_on(record: Mapping[str, Any]) -> list[str]:
+    """What somebody who reads only the status should know besides."""
+    notes = []
+    if record["isometry_error"] > _STRETCHED:
+        notes.append(
+            f"lengths were off by {100.0 * record['isometry_error']:.1g} % somewhere: a collision pushed "
+            "parts out of the developable shape; a shorter step or a smaller thickness leaves less"
+        )
+    if record["frames_with_crossings"]:
+        notes.append(
+            "strips pass through each other or themselves: set a thickness, or shorten the step"
+        )
+    return notes
 
 
 def settings_of(setup: RibbonSetup) -> dict[str, Any]:

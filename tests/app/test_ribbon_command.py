@@ -15,6 +15,7 @@ import pytest
 from running import run
 
 from casashell.app import ribbon_run
+from casashell.app.ribbon_measures import notes_on
 
 SCENE = """
 name = "flag"
@@ -183,3 +184,10 @@ def test_scenes_that_cannot_work_say_what_to_change(
     assert outcome.exit_code == 2, outcome.output
     assert words in " ".join(outcome.output.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_a_complete_run_says_what_went_wrong_on_the_way() -> None:
+    assert notes_on({"isometry_error": 1e-3, "frames_with_crossings": 0}) == []
+    stretched, crossed = notes_on({"isometry_error": 0.03, "frames_with_crossings": 4})
+    assert "off by 3 %" in stretched
+    assert "pass through" in crossed
