@@ -126,7 +126,12 @@ def is_number(value: Any) -> bool:
 def _kind(value: Any) -> str:
     if isinstance(value, Mapping):
         return "a table"
-    return f"a list of {len(value)}" if isinstance(value, list) else repr(value)
+    short = isinstance(value, list) and len(value) <= 4 and not any(map(_nested, value))
+    return f"a list of {len(value)}" if isinstance(value, list) and not short else repr(value)
+
+
+def _nested(value: Any) -> bool:
+    return isinstance(value, (list, Mapping))
 
 
 def write_table(header: str, values: Mapping[str, Value]) -> str:
