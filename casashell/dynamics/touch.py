@@ -88,11 +88,6 @@ class NaturalMap:
     along: FloatArray
     shrink: FloatArray
 
-    @property
-    def symmetric(self) -> bool:
-        """Whether every P is an orthogonal projector: nothing slides, or not against friction."""
-        return not ((self.state == SLIDE) & (self.touches.friction > 0.0)).any()
-
     @cached_property
     def by_force(self) -> FloatArray:
         """P (C,3,3)."""

@@ -5,40 +5,17 @@ from __future__ import annotations
 import numpy as np
 from meshes import grid
 
+from benchmarks.dynamics import unsolved as posed
 from casashell.contact.obstacles import Obstacle, Plane
-from casashell.inverse.certificate import no_certificate
 from casashell.mesh import TriMesh
 from casashell.problem import Problem
-from casashell.result import Quality, Result
-from casashell.status import Status
+from casashell.result import Result
 from casashell.typing import FloatArray
 from formulations import discrete_shell
 
+__all__ = ["G", "posed", "sheet", "sheet_on_incline", "tilted"]
+
 G = 9.81
-
-
-def posed(problem: Problem) -> Result:
-    """The target as a result: natural shape and pose are the target, there are no forces."""
-    x = np.array(problem.target.vertices)
-    contacts = problem.contacts
-    return Result(
-        status=Status.ITERATION_LIMIT,
-        advice="",
-        method="none",
-        target=problem.target,
-        rest=x,
-        pose=x,
-        contacts=contacts,
-        pinned=np.asarray(problem.pinned),
-        contact_forces=np.zeros((len(contacts), 3)),
-        forces=np.zeros_like(x),
-        material={},
-        certificate=no_certificate(problem.target),
-        quality=Quality(0.0, 0.0, 1.0, 0, 0),
-        obstacles=problem.obstacles,
-        contact_tolerance=problem.tolerance,
-        energies=problem.energies,
-    )
 
 
 def sheet(
